@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from random import Random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from cubepath.coordinator.satisfiability import encoding
+from cubepath.coordinator.satisfiability import clauses, encoding
+from cubepath.coordinator.satisfiability.clauses import Problem, Written
 from cubepath.coordinator.satisfiability.encoding import TooLargeError, encode
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
@@ -196,6 +200,36 @@ def test_clauses_that_are_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(encoding, "LITERALS_MAX", 100)
     with pytest.raises(TooLargeError, match=r"^clauses for 9 rounds have [\d,]+ literals, 100 at"):
         encode(met, 9)
+    monkeypatch.setattr(encoding, "VALUES_MAX", 10 * len(met.sites))
+    with pytest.raises(TooLargeError, match="literals"):
+        encode(met, 9)
+    monkeypatch.setattr(encoding, "VALUES_MAX", 10 * len(met.sites) - 1)
+    with pytest.raises(TooLargeError, match=r"^clauses for 9 rounds have [\d,]+ values of sites"):
+        encode(met, 9)
+
+
+def test_a_budget_that_is_spent_ends_the_building_of_clauses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between two parts of the work: nothing is counted, and nothing written."""
+    where = scene_from_spec("hex:n=4")
+    met = MetMoves(where.system, (), where.start_state, where.goal or frozenset())
+    met.reach(9)
+    written: list[bool] = []
+    write = clauses.write
+
+    def counted(problem: Problem, out: Written, variables: int, fill: bool) -> NDArray[np.int64]:
+        written.append(fill)
+        return write(problem, out, variables, fill)
+
+    monkeypatch.setattr(encoding, "write", counted)
+    met.spend = Budget(steps=-1).spend
+    with pytest.raises(SpentError):
+        encode(met, 9)
+    assert not written
+    met.spend = Budget(steps=0).spend
+    encode(met, 9)
+    assert written == [False, True]
 
 
 @pytest.mark.parametrize("most", [0, 3])

@@ -6,12 +6,18 @@ from collections.abc import Iterable
 from math import inf
 from random import Random
 
+import numpy as np
 import pytest
 
 from complexes import actions_at, commuting_sets, states_of
 from cubepath.coordinator.normal_form.definitions import end_state
-from cubepath.coordinator.satisfiability.literal_windows import LiteralWindows, windows_of
+from cubepath.coordinator.satisfiability.literal_windows import (
+    NEVER,
+    LiteralWindows,
+    windows_of,
+)
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.satisfiability.window_bounds import window_bound
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -206,3 +212,45 @@ def test_moves_are_looked_for_within_half_of_the_rounds() -> None:
     assert sizes == sorted(sizes)
     assert sizes[0] == 0
     assert sizes[1] == sizes[2] < sizes[3] == sizes[4] < sizes[5] == sizes[6] == sizes[7]
+
+
+def test_windows_are_refuted_where_a_site_is_left_without_a_value() -> None:
+    """Told by when values begin and end, as by looking at every time."""
+    random = np.random.default_rng(5)
+    seen: set[bool] = set()
+    nothing = np.empty(0, dtype=np.int32)
+    for _ in range(2000):
+        rounds = int(random.integers(0, 6))
+        after, before = (random.integers(0, 7, (2, 2)).astype(np.int32) for _ in range(2))
+        after[random.random((2, 2)) < 0.2] = NEVER
+        for times in (after, before):
+            times[:, random.integers(0, 2)] = 0
+        found = LiteralWindows(rounds, after, before, nothing, nothing)
+        obvious = not bool(found.value_possible().any(axis=1).all())
+        assert found.refuted() == obvious
+        seen.add(obvious)
+    assert seen == {False, True}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_bound_by_halving_is_that_of_one_round_after_another(seed: int) -> None:
+    """Where all moves are known; what is refuted is told in ascending order."""
+    random = Random(seed)  # noqa: S311 - nothing secret
+    length = random.randrange(3, 40)
+    line = [Action({at, at + 1}, {at, at + 1}, {at}, {at + 1}) for at in range(length)]
+    listed = [*line, *random_actions(random, 10, 7, size=4)]
+    goal = frozenset({random.randrange(length + 1)})
+    met = MetMoves(None, listed, frozenset({0}), goal)
+    most = length + 2
+    open_ = [
+        rounds
+        for rounds in range(most)
+        if not windows_of(met.arrays(), met.on(0), met.on(1), rounds).refuted()
+    ]
+    expected = open_[0] if open_ else most
+    told: list[int] = []
+    assert window_bound(met, 0, most, raised=told.append) == expected
+    assert open_ == list(range(expected, most))
+    assert told == sorted(set(told))
+    assert (told[-1] if told else -1) == expected - 1
+    assert len(told) <= 2 * most.bit_length()

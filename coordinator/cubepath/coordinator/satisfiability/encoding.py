@@ -36,6 +36,8 @@ Offsets = NDArray[np.int64]
 CubePath = tuple[tuple[Action, ...], ...]
 LITERALS_MAX = 40_000_000
 """The greatest number of literals of clauses about moves: solvers take some 50 bytes for each."""
+VALUES_MAX = 40_000_000
+"""The greatest number of sites, each at each time, of which values are laid out."""
 
 
 class TooLargeError(CubepathError):
@@ -86,13 +88,20 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
     """Return the clauses of a path of at most `rounds` rounds between the ends of `met`.
 
     Raises TooLargeError if those about moves have more than `literals_max` literals, by default
-    `LITERALS_MAX`.
+    `LITERALS_MAX`, or if there are more than `VALUES_MAX` sites and times. What `met` spends
+    between two parts of the work may end it.
     """
     met.reach(rounds)
     moves, start, goal = met.arrays(), met.on(0), met.on(1)
+    if len(start) * (rounds + 1) > VALUES_MAX:
+        raise TooLargeError(
+            f"clauses for {rounds} rounds have {len(start) * (rounds + 1):,} values of sites,"
+            f" {VALUES_MAX:,} at most"
+        )
     windows = windows_of(moves, start, goal, rounds)
+    met.spend(0)
     possible = windows.value_possible()
-    impossible = bool((~possible.any(axis=1)).any())
+    impossible = windows.refuted()
     value, sites = _values(possible)
     lasting = np.maximum(windows.last - windows.first + 1, 0)
     begins = np.concatenate([[0], np.cumsum(lasting)])
@@ -108,7 +117,9 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
         *_users(moves, lasting, len(start)),
     )
     empty = Written(*_arrays(np.zeros(5, dtype=np.int64)))
+    met.spend(0)
     counted = np.zeros(5, dtype=np.int64) if impossible else write(problem, empty, variables, False)
+    met.spend(0)
     most = LITERALS_MAX if literals_max is None else literals_max
     if counted[0] > most:
         raise TooLargeError(
@@ -117,6 +128,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
     out = Written(*_arrays(counted))
     if not impossible:
         write(problem, out, variables, True)
+        met.spend(0)
     ends = np.zeros(1, dtype=np.int64) if impossible else out.ends  # the empty clause
     groups = () if impossible else groups_of(met, moves, windows)
     more, more_ends = _of_groups(groups, value)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.satisfiability.move_arrays import FREE, MoveArrays
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import compiled, inner
 
 Numbers = NDArray[np.int32]
 NEVER = 1 << 30
@@ -45,6 +45,17 @@ class LiteralWindows(NamedTuple):
         times = np.arange(self.rounds + 1)
         early = self.after[:, :, None] <= times
         return early & (times <= self.rounds - self.before[:, :, None])
+
+    def refuted(self) -> bool:
+        """Return whether some site is left without a value at some time: then there is no path."""
+        begins, ends = self.after, self.rounds - self.before
+        some = begins <= ends
+        whole = some & (begins <= 0) & (ends >= self.rounds)
+        for one in (0, 1):
+            two = 1 - one
+            joined = (begins[:, one] <= 0) & (begins[:, two] <= ends[:, one] + 1)
+            whole[:, 0] |= some.all(axis=1) & joined & (ends[:, two] >= self.rounds)
+        return not bool(whole.any(axis=1).all())
 
 
 def first_times(moves: MoveArrays, on: NDArray[np.bool_], rounds: int) -> Numbers:
@@ -95,19 +106,21 @@ def _spread(
 ) -> None:
     """Fill in when values become possible, and the round from which each directed move is.
 
-    `found` has the values of the end from which this begins. Layer by layer: in each, all moves
-    whose local state before was possible in an earlier one.
+    `found` has the values of the end from which this begins. Layer by layer: in the first, all
+    moves are looked at; later those at whose sites a value became possible in the layer before.
     """
     first[:] = NEVER
+    users, by_site = _users(starts, sites, guard_starts, guards, len(found))
     waiting = np.empty(len(first), dtype=np.int32)
     count = 0
     for move in range(len(first)):
         if alive[move]:
             waiting[count] = move
             count += 1
+    looked = np.zeros(len(first), dtype=np.int32)
+    changed = np.empty(2 * len(found), dtype=np.int32)
     for layer in range(1, rounds + 1):
-        left = 0
-        changed = False
+        changes = 0
         for index in range(count):
             move = waiting[index]
             action, way = move // 2, move % 2
@@ -123,8 +136,6 @@ def _spread(
                         ready = False
                         break
             if not ready:
-                waiting[left] = move
-                left += 1
                 continue
             first[move] = layer
             for place in range(starts[action], starts[action + 1]):
@@ -132,7 +143,42 @@ def _spread(
                 value = (code >> (1 - way)) & 1
                 if not code & FREE and found[sites[place], value] > layer:
                     found[sites[place], value] = layer
-                    changed = True
-        count = left
-        if not changed:
+                    changed[changes] = sites[place]
+                    changes += 1
+        count = 0
+        for index in range(changes):
+            site = changed[index]
+            for place in range(users[site], users[site + 1]):
+                for move in (2 * by_site[place], 2 * by_site[place] + 1):
+                    if alive[move] and first[move] == NEVER and looked[move] < layer:
+                        looked[move] = layer
+                        waiting[count] = move
+                        count += 1
+        if not count:
             break
+
+
+@inner
+def _users(
+    starts: Numbers, sites: Numbers, guard_starts: Numbers, guards: Numbers, count: int
+) -> tuple[Numbers, Numbers]:
+    """Return the actions with a site in their support or guards: of site s, users[s:s + 1]."""
+    users = np.zeros(count + 1, dtype=np.int32)
+    for site in sites:
+        users[site + 1] += 1
+    for one, other in guards:
+        users[one + 1] += 1
+        users[other + 1] += 1
+    for site in range(count):
+        users[site + 1] += users[site]
+    free = users[:-1].copy()
+    by_site = np.empty(users[count], dtype=np.int32)
+    for action in range(len(starts) - 1):
+        for place in range(starts[action], starts[action + 1]):
+            by_site[free[sites[place]]] = action
+            free[sites[place]] += 1
+        for place in range(guard_starts[action], guard_starts[action + 1]):
+            for site in guards[place]:
+                by_site[free[site]] = action
+                free[site] += 1
+    return users, by_site

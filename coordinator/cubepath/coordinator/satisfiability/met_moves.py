@@ -78,6 +78,11 @@ class MetMoves:
         found.ends = tuple(tuple(map(self._site, in_order(state))) for state in (start, goal))
         return found
 
+    @property
+    def complete(self) -> bool:
+        """Return whether all moves are known, however many rounds a path has."""
+        return self._ask is None
+
     def reach(self, rounds: int) -> None:
         """Find all moves that paths of up to so many rounds could use."""
         half = -(-rounds // 2)

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import cached_property
 from tempfile import TemporaryFile
 from typing import IO, Self
 
@@ -48,14 +49,15 @@ class Refutation:
     `why` names the argument, and `log` is a file of the `Prover`, until that is closed.
     """
 
-    problem: Encoding
+    rounds: int
     why: str
     log: IO[bytes] | None
+    _problem: Callable[[], Encoding] = field(repr=False, compare=False)
 
-    @property
-    def rounds(self) -> int:
-        """Return the number of rounds that are too few."""
-        return self.problem.rounds
+    @cached_property
+    def problem(self) -> Encoding:
+        """The clauses; those that the windows refute are built when they are asked for."""
+        return self._problem()
 
 
 @dataclass
@@ -121,7 +123,7 @@ class Prover:
             self._wait(jobs, end)
 
     def _refuted_by_windows(self, rounds: int) -> None:
-        self._refuted(Refutation(encode(self.met, rounds), WINDOWS, None))
+        self._refuted(Refutation(rounds, WINDOWS, None, lambda: encode(self.met, rounds)))
 
     def _refuted(self, found: Refutation) -> None:
         """Note that no path has so few rounds."""
@@ -168,7 +170,7 @@ class Prover:
             job.most = len(self.best)
             return
         if problem.impossible:
-            self._refuted(Refutation(problem, WINDOWS, None))
+            self._refuted(Refutation(rounds, WINDOWS, None, lambda: problem))
             return
         if patience and job.step > 1:
             # What finds paths quickly; what it refutes, the other will, with a log.
@@ -218,9 +220,9 @@ class Prover:
         elif answer.log is None:
             self._single[problem.rounds] = problem
         elif os.fstat(answer.log.fileno()).st_size == 0:
-            self._refuted(Refutation(problem, PROPAGATION, None))
+            self._refuted(Refutation(problem.rounds, PROPAGATION, None, lambda: problem))
         else:
-            self._refuted(Refutation(problem, SEARCH, answer.log))
+            self._refuted(Refutation(problem.rounds, SEARCH, answer.log, lambda: problem))
 
 
 class _Job:

@@ -314,7 +314,8 @@ class _Search:
         """Go on from a better path that was found elsewhere."""
         if self._vehicles is not None and len(best) < self._vehicles.rounds:
             self._vehicles = self._replanner(best)
-        if self._windows is not None:
+        cost = len(best), sum(map(len, best))
+        if self._windows is not None and cost < self._windows.cost:
             self._windows = Windows(self._steps, self._start, best)
             self._fresh = True
 

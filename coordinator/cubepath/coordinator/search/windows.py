@@ -151,26 +151,27 @@ class Windows:
         steps = self._steps
         first = random.choice(window)
         traces, supports = steps.trace[first], steps.support[first]
-        inside = {first}
+        apart = window
         while True:
-            more = [
-                number
-                for number in window
-                if number not in inside
-                and (steps.trace[number] & supports or steps.support[number] & traces)
-            ]
-            if not more:
+            steps.budget.spend()
+            left: list[int] = []
+            for number in apart:
+                if steps.trace[number] & supports or steps.support[number] & traces:
+                    traces |= steps.trace[number]
+                    supports |= steps.support[number]
+                else:
+                    left.append(number)
+            if len(left) == len(apart):
                 break
-            inside.update(more)
-            for number in more:
-                traces |= steps.trace[number]
-                supports |= steps.support[number]
+            # Moves that follow each other are met one after another in one of the directions.
+            apart = left[::-1]
         still = begin & ~traces
         if random.random() < 0.5:
             # Modules beside the component may have to give way.
             still &= ~supports
-        chosen = [number for number in window if number in inside]
-        return chosen, [number for number in window if number not in inside], still
+        others = set(apart)
+        chosen = [number for number in window if number not in others]
+        return chosen, [number for number in window if number in others], still
 
     def _between(
         self, random: Random, begin: int, end: int, most: int, still: int

@@ -118,10 +118,9 @@ def beyond(
     asked = seconds is not None or iterations is not None or prove is not None
     if prove is not None:
         check_installed("a proof")
-        if seconds is None and iterations is None:
-            seconds = _BEFORE_PROOF * prove
-            prove -= seconds
     look = Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
+    if prove is not None and seconds is None and iterations is None:
+        look.share(prove, _BEFORE_PROOF)
     look.ask_for_classes()
     look.bound_from_below()
     look.bound_by_windows()

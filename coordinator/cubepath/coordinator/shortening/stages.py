@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
+from cubepath.coordinator.satisfiability.encoding import TooLargeError
 from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover
@@ -66,6 +67,7 @@ class Look:
         self._task = task
         self._seconds = seconds
         self._whole = Budget(seconds)
+        self._for_proof: Budget | None = None
         self._max_states = max_states
         self._tick = tick
         self._system, self._start, self._goal = task.system, task.start, task.goal
@@ -89,6 +91,21 @@ class Look:
         """The file with the proof."""
         self.agreed = 0
         """What two solvers agree on and nobody can check: no path has fewer cubes."""
+
+    def share(self, seconds: float, before: float) -> None:
+        """Take so many seconds for all stages, a share `before` of them for those before a proof.
+
+        The proof gets what they leave. Where clauses cannot be built, they get all.
+        """
+        self._for_proof = Budget(seconds)
+        self._seconds = seconds if self._without_clauses() else before * seconds
+        self._whole = Budget(self._seconds)
+
+    def _extend(self, seconds: float) -> None:
+        """Give the stages the time that compiling took."""
+        self._whole.extend(seconds)
+        if self._for_proof is not None:
+            self._for_proof.extend(seconds)
 
     @cached_property
     def _steps(self) -> Transitions:
@@ -199,7 +216,7 @@ class Look:
         """Compile what clauses need, once for an installation; other stages keep their time."""
         if not self._compiled:
             self._stage("compile", lambda _stage, _budget: prepare_clauses())
-            self._whole.extend(self.stages[-1].seconds)
+            self._extend(self.stages[-1].seconds)
             self._compiled = True
 
     @property
@@ -306,7 +323,7 @@ class Look:
             taken.append(prepare_all(system, with_solver=clauses))
 
         self._stage("compile", job)
-        self._whole.extend(self.stages[-1].seconds)
+        self._extend(self.stages[-1].seconds)
         if taken == [False]:
             self.stages.pop()
 
@@ -319,12 +336,18 @@ class Look:
         watch: Callable[[Improved], object] | None,
         between: Between | None,
     ) -> None:
-        """Search for the optimum by SAT solvers; write the refutation of less, if asked to."""
+        """Search for the optimum by SAT solvers; write the refutation of less, if asked to.
+
+        The time is `seconds`, or after `share` what the other stages have left of it.
+        """
         if self._stopped or (proof is None and self.bound.cubes == self.cubes):
             return
 
         def job(stage: Stage, budget: Budget) -> None:
-            if not self._has_clauses(stage):
+            stage.why = self._without_clauses()
+            if stage.why is not None:
+                if self._start != self._goal:
+                    stage.ended = "limit"
                 return
             with suppress(SpentError):
                 self._ask_solvers(
@@ -335,21 +358,20 @@ class Look:
 
         self._compile()
         if not self._stopped:
-            self._whole, self._seconds = Budget(seconds), seconds
+            self._whole = Budget(seconds) if self._for_proof is None else self._for_proof
+            self._seconds = seconds
             self._stage("proof", job)
 
-    def _has_clauses(self, stage: Stage) -> bool:
-        """Return whether clauses can be built; note why not."""
+    def _without_clauses(self) -> str | None:
+        """Return why no clauses can be built, None if they can."""
         if self._start == self._goal:
-            stage.why = "a path without cubes needs no proof"
-        elif not self._small:
+            return "a path without cubes needs no proof"
+        if not self._small:
             labels = 0 if self._system is None else self._system.labels
-            stage.ended = "limit"
-            stage.why = f"clauses for {labels} labels, {LABELS_MAX} at most"
-        elif self._system is None and self._listed_count > _LISTED_MAX:
-            stage.ended = "limit"
-            stage.why = f"clauses for {self._listed_count:,} moves, {_LISTED_MAX:,} at most"
-        return stage.why is None
+            return f"clauses for {labels} labels, {LABELS_MAX} at most"
+        if self._system is None and self._listed_count > _LISTED_MAX:
+            return f"clauses for {self._listed_count:,} moves, {_LISTED_MAX:,} at most"
+        return None
 
     def _ask_solvers(
         self,
@@ -383,7 +405,12 @@ class Look:
                 prover.run(budget.seconds_left or 0.0, refute=proof is not None)
             finally:
                 stage.steps = prover.problems
-                self._take_proof(prover, proof)
+                # What was proved in time is written, however long that takes.
+                self._met.spend = Budget().spend
+                try:
+                    self._take_proof(prover, proof)
+                except TooLargeError as error:
+                    prover.stopped_by = str(error)
         if prover.stopped_by is not None:
             stage.ended, stage.why = "limit", prover.stopped_by
 
