@@ -180,10 +180,11 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
     return False
 
 
-def verify_certificate(options: argparse.Namespace) -> int:
+def verify_certificate(options: argparse.Namespace, given: Source) -> int:
     """Check a file against its path, as ``cubepath verify LOG --of INPUT`` does.
 
-    It is a certificate, a cubes file beside one, or a timetable of vehicles that follow.
+    It is a certificate, a cubes file beside one, or a timetable of vehicles that follow; `given` is
+    what to read for it.
     """
     from cubepath.protocol.path_files.following import is_following  # noqa: PLC0415
 
@@ -196,7 +197,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     if source.suffix == ".jsonl" and cubes_file is not None:
         raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
     check_files(options, [source, options.of, cubes_file])
-    with opened(source) as file:
+    with opened(given) as file:
         if is_following(file):
             return verify_following(options, file)
         return _verify_certificate(options, file, source, cubes_file)
