@@ -150,7 +150,7 @@ def test_what_is_called_a_recording_is_refused_as_one(
 
 
 def test_a_picture_for_print(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The rounds that were asked for in their order, each once; title and caption, on dark ground."""
+    """The rounds that were asked for in order, each once; title and caption, on dark ground."""
     path = tmp_path / "print.svg"
     words = ["--title", "A chain <turns>", "--caption", "What is seen. " * 20, "--dark"]
     arguments = ["view", str(log), "-o", str(path), "--parts", "states", *words]

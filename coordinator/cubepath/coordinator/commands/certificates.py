@@ -28,6 +28,7 @@ from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
@@ -245,7 +246,7 @@ def _verify_certificate(
         for name, why in found.items()
     ]
     wrong = [name for name, why in found.items() if why is not None]
-    cubes_told = f"{len(certificate.cubes)} cube" + "s" * (len(certificate.cubes) != 1)
+    cubes_told = counted(len(certificate.cubes), "cube")
     if not wrong:
         lines.append(
             f"proved: in the class of {file_name(options.of)},"
