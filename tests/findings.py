@@ -85,7 +85,7 @@ def _mean(numbers: Sequence[float]) -> float:
 def factors(row: dict[str, Any], beat: int) -> tuple[float, float, float]:
     """Return timing, class and rule of the runs with a common beat (0) or without (1).
 
-    Their product is the geometric mean of rounds over the best known.
+    Their product is the geometric mean of rounds over the best known, or the optimum if proved.
     """
     runs = row["runs"][beat]
     timing = _mean([rounds / cubes for rounds, cubes in runs])
@@ -213,7 +213,8 @@ def gaps_picture(rows: Rows) -> bytes:
             _panel(axes, kind, several)
         handles, labels = panels.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
-        figure.supylabel("over the best known", fontsize=9)
+        proved = all(row["best"] == row["bound"] for row in rows)
+        figure.supylabel("over the optimum" if proved else "over the best known", fontsize=9)
         return _png(figure)
 
 

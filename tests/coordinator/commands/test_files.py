@@ -16,6 +16,8 @@ import pytest
 
 from command_line import GOLDEN, PYTHON, ROOT, cubepath, in_shell
 from cubepath.coordinator.commands.main import main
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
 from cubepath.protocol.scenes.toml import scene_to_toml
 from strategies import scene
 
@@ -75,6 +77,35 @@ def test_a_redirected_file_is_added_to(folder: Path) -> None:
     """Standard output is written where it is, not from the start of its file, nor replaced."""
     in_shell("{ echo first; cubepath shorten moves.jsonl -o -; echo last; } > all.txt")
     assert (folder / "all.txt").read_text() == f"first\n{CUBES}last\n"
+
+
+PROVED = "proved     no schedule of 1 round or fewer; the schedule has 2: optimal\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("cubepath verify - < two.proof", PROVED),
+        ("cat two.proof | cubepath verify -", PROVED),
+        ("cubepath verify <(cat two.proof)", PROVED),
+        ("cubepath verify - < run.mcap", "ok      readable"),
+        ("cubepath verify - --recover new.mcap < run.mcap", "ok      readable"),
+        ("cubepath verify - --of moves.jsonl < c.json", "ok      form"),
+        ("cubepath verify <(cat c.json) --of moves.jsonl", "ok      form"),
+    ],
+)
+def test_what_is_verified_comes_by_any_stream(line: str, told: str, folder: Path) -> None:
+    """A proof, a recording, a certificate: its first bytes say which, and are read once."""
+    left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    proof = OptimalityProof(
+        system=None, start=[1], goal=[3], refuted=1, cubes=2,
+        moves=[left, right], schedule=[[0], [1]],
+    )  # fmt: skip
+    write_proof("two.proof", proof)
+    assert main(["shorten", "moves.jsonl", "--certificate", "c.json"]) == 0
+    done = in_shell(line)
+    assert (done.returncode, done.stdout[: len(told)]) == (0, told)
 
 
 @pytest.mark.slow

@@ -150,14 +150,15 @@ def test_what_is_called_a_recording_is_refused_as_one(
 
 
 def test_a_picture_for_print(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The rounds that were asked for in their order, a title and a caption, on dark ground."""
+    """The rounds that were asked for in order, each once; title and caption, on dark ground."""
     path = tmp_path / "print.svg"
     words = ["--title", "A chain <turns>", "--caption", "What is seen. " * 20, "--dark"]
     arguments = ["view", str(log), "-o", str(path), "--parts", "states", *words]
-    assert main([*arguments, "--rounds", "0,2-4:2,1"]) == 0
+    assert main([*arguments, "--rounds", "0,2-4:2,4,1,2"]) == 0
     text = path.read_text()
     told = [text.index(f"<!-- {word} -->") for word in ("start", "round 2", "round 4", "round 1")]
     assert told == sorted(told)
+    assert [text.count(f"<!-- {word} -->") for word in ("start", "round 2", "round 4")] == [1] * 3
     assert "<!-- A chain &lt;turns&gt; -->" in text
     assert text.count("seen.") == 20
     assert DARK.of(PAPER) in text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from cubepath.agents.environments.rollout import play_in_python
@@ -9,8 +11,13 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.normal_form.definitions import end_state
+from cubepath.coordinator.satisfiability.proving import SEARCH
 from cubepath.coordinator.search.anytime import improve
 from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import Task
+from cubepath.coordinator.verification.optimality import check_optimality
+from cubepath.protocol.path_files.optimality_proofs import read_proof
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from marked import some
@@ -91,12 +98,14 @@ def test_every_schedule_attains_the_best_known_value() -> None:
         assert instance.proved == (instance.bound == instance.best)
 
 
+BY_SOLVERS = {each.name for each in standard() if each.how.endswith(f"--prove; bound: {SEARCH}")}
+"""Whose bounds only SAT solvers know."""
 LONG = {"hex-12", "hex-slide-12"}
-"""Whose bounds, which are not attained, take half a minute each."""
+"""Whose bounds take SAT solvers minutes."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", some(sorted(ALL.keys() - LONG), QUICK))
+@pytest.mark.parametrize("name", some(sorted(ALL.keys() - BY_SOLVERS), QUICK))
 def test_bounds_are_proved_again(name: str) -> None:
     """By exhaustive search where that ends, and then by no other search or bound contradicted."""
     instance = ALL[name]
@@ -116,6 +125,30 @@ def test_bounds_are_proved_again(name: str) -> None:
     better = improve(path, start, scene.system, iterations=10, seed=len(name))
     assert better.cubes >= instance.bound
     assert better.cubes == instance.best
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", sorted(BY_SOLVERS - LONG))
+def test_bounds_of_solvers_are_proved_again(name: str, tmp_path: Path) -> None:
+    """By a solver from the schedule on file on, and its proof is checked by code of its own."""
+    instance = ALL[name]
+    scene = scene_from_spec(instance.system)
+    path = [action for cube in cubes_on_file(instance) for action in cube]
+    file = tmp_path / "a.proof"
+    found = beyond(Task(path, scene.start_state, scene.system), max_states=1, prove=600, proof=file)
+    assert found.optimal
+    assert found.lower_bound == found.improved == instance.best == instance.bound
+    assert check_optimality(read_proof(file)).optimal
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(BY_SOLVERS))
+def test_bounds_of_solvers_contradict_no_others(name: str) -> None:
+    """They are greater than those that take no solver, and all of them at most the best known."""
+    instance = ALL[name]
+    scene = scene_from_spec(instance.system)
+    other = lower_bound(scene.system, scene.start_state, goal_of(scene), within=99)
+    assert other.cubes < instance.bound <= instance.best
 
 
 @pytest.mark.slow
@@ -156,5 +189,5 @@ def test_no_rule_is_better_than_what_is_proved(name: str) -> None:
 def test_an_instance_without_a_proof_says_so() -> None:
     """Its best known value exceeds its bound."""
     found = [each for each in standard() if not each.proved]
-    assert found
+    assert [each.name for each in found] == ["hex-12"]
     assert all(isinstance(each, StandardInstance) and each.best > each.bound for each in found)

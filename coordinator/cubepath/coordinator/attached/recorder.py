@@ -31,6 +31,7 @@ from cubepath.coordinator.attached.window import Kept, Window
 from cubepath.coordinator.runs.about import About, about_key, find_run
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.keys import everything
@@ -277,7 +278,7 @@ class Recorder:
             )
         parts.close()
         self._in_snapshots += len(kept)
-        self._say(f"{path}: {len(kept)} messages written")
+        self._say(f"{path}: {counted(len(kept), 'message')} written")
         return path
 
     def _notes(self) -> dict[str, str]:

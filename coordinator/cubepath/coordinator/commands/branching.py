@@ -25,6 +25,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import module_numbers, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.runs.live import LiveReplay
@@ -247,7 +248,7 @@ def _play_live(options: argparse.Namespace, recording: Recording, given: dict[st
 
 
 def _told(found: LiveReplay) -> str:
-    rounds = f"{found.rounds} of {found.recorded_rounds}"
+    rounds = f"{found.rounds} of {counted(found.recorded_rounds, 'round')}"
     if found.divergence is None:
-        return f"the same for {rounds} rounds"
-    return f"the same for {rounds} rounds, then\n{found.divergence}"
+        return f"the same for {rounds}"
+    return f"the same for {rounds}, then\n{found.divergence}"

@@ -28,6 +28,7 @@ from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
@@ -180,10 +181,11 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
     return False
 
 
-def verify_certificate(options: argparse.Namespace) -> int:
+def verify_certificate(options: argparse.Namespace, given: Source) -> int:
     """Check a file against its path, as ``cubepath verify LOG --of INPUT`` does.
 
-    It is a certificate, a cubes file beside one, or a timetable of vehicles that follow.
+    It is a certificate, a cubes file beside one, or a timetable of vehicles that follow; `given` is
+    what to read for it.
     """
     from cubepath.protocol.path_files.following import is_following  # noqa: PLC0415
 
@@ -196,7 +198,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     if source.suffix == ".jsonl" and cubes_file is not None:
         raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
     check_files(options, [source, options.of, cubes_file])
-    with opened(source) as file:
+    with opened(given) as file:
         if is_following(file):
             return verify_following(options, file)
         return _verify_certificate(options, file, source, cubes_file)
@@ -244,7 +246,7 @@ def _verify_certificate(
         for name, why in found.items()
     ]
     wrong = [name for name, why in found.items() if why is not None]
-    cubes_told = f"{len(certificate.cubes)} cube" + "s" * (len(certificate.cubes) != 1)
+    cubes_told = counted(len(certificate.cubes), "cube")
     if not wrong:
         lines.append(
             f"proved: in the class of {file_name(options.of)},"

@@ -14,6 +14,7 @@ from cubepath.coordinator.commands.files import check_files, file_name
 from cubepath.coordinator.commands.plan_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 
 
 def add_comparing_options(verify: argparse.ArgumentParser) -> None:
@@ -41,7 +42,7 @@ def compare(options: argparse.Namespace) -> int:
     how = "--same" if options.same else "--homotopic"
     paths: list[Path] = options.logs
     if len(paths) != 2:
-        raise InputError(f"{how}: found {len(paths)} paths, expected two")
+        raise InputError(f"{how}: found {counted(len(paths), 'path')}, expected two")
     for name in ("of", "cubes", "recover"):
         if getattr(options, name) is not None:
             raise InputError(f"{how}: compares two paths, expected no --{name}")

@@ -19,6 +19,7 @@ from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, whole
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:
@@ -109,8 +110,8 @@ def _complex(options: argparse.Namespace) -> int:
         answer(options, found.document(), table(_rows(found)))
     if not found.complete:
         complain(
-            f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), not all"
-            f" of which were expanded: {_advice(scene)}"
+            f"{found.system}: stopped at {counted(found.states, 'state')}"
+            f" ({found.memory >> 20} MiB), not all of which were expanded: {_advice(scene)}"
             + (f"; {output} was not written" if output else "")
         )
         return FAILED
@@ -171,9 +172,9 @@ def _rows(found: ComplexReport) -> list[tuple[str, object]]:
         if found.orientable is not None:
             rows.append(("orientable", "yes" if found.orientable else "no"))
     if found.links_checked is not None:
-        condition = f"holds at {found.links_checked} states"
+        condition = f"holds at {counted(found.links_checked, 'state')}"
         if found.failing:
-            condition = f"fails at {found.failing} of {found.links_checked} states"
+            condition = f"fails at {found.failing} of {counted(found.links_checked, 'state')}"
         curved = {True: "yes", False: "no", None: "not known"}[found.npc]
         rows += [("link condition", condition), ("non-positive curvature", curved)]
         rows += [("witness", witness) for witness in found.witnesses]

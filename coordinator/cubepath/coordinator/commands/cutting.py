@@ -14,6 +14,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.output_files import check_output_folder
+from cubepath.protocol.core.plurals import counted
 
 _MB = 1_000_000
 
@@ -98,7 +99,9 @@ def _filter(options: argparse.Namespace) -> int:
         )
     of = len(recording.records)
     document = {"messages": count, "of": of, "output": str(options.out)}
-    answer(options, document, visible(f"{count} of {of} messages written to {options.out}"))
+    answer(
+        options, document, visible(f"{count} of {counted(of, 'message')} written to {options.out}")
+    )
     return DONE
 
 
@@ -131,7 +134,7 @@ def _merge(options: argparse.Namespace) -> int:
     with progress_bar(None, "merge", ""):
         count = merge_recordings(options.logs, options.output)
     document = {"messages": count, "recordings": len(options.logs), "output": str(options.output)}
-    of = "1 recording" if len(options.logs) == 1 else f"{len(options.logs)} recordings"
-    text = f"{count} messages of {of} written to {options.output}"
+    of = counted(len(options.logs), "recording")
+    text = f"{counted(count, 'message')} of {of} written to {options.output}"
     answer(options, document, visible(text))
     return DONE

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import STANDARD_INPUT, opened
+from cubepath.protocol.core.input_files import STANDARD_INPUT, Source, opened
 from cubepath.protocol.core.output_files import (
     STANDARD_OUTPUT,
     check_output,
@@ -45,6 +46,20 @@ def file_name(path: Path) -> str:
     return {STANDARD_INPUT: "standard input", STANDARD_OUTPUT: "standard output"}.get(
         path, str(path)
     )
+
+
+@contextmanager
+def opened_once(paths: Sequence[Path]) -> Generator[Sequence[Source]]:
+    """Yield what to read for files whose first bytes say what they are.
+
+    Standard input or a pipe can be read only once, so it is open for the length of the block where
+    it comes alone. Any other file stays a path, for its reader to say what is wrong with it.
+    """
+    if len(paths) == 1 and (paths[0] == STANDARD_INPUT or is_special(paths[0])):
+        with opened(paths[0]) as file:
+            yield [file]
+    else:
+        yield paths
 
 
 @dataclass(frozen=True, slots=True)

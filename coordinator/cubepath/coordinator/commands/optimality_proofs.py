@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from cubepath.coordinator.commands.plan_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.input_files import InputFile, opened
+from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, Source, opened
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -46,9 +46,13 @@ def add_proof_options(verify: argparse.ArgumentParser) -> None:
     )
 
 
-def is_of_a_proof(options: argparse.Namespace) -> bool:
-    """Return whether a proof of optimality is to be verified; InputError if it is not alone."""
-    proofs = [path for path in options.logs if _is_proof(path)]
+def is_of_a_proof(options: argparse.Namespace, sources: Sequence[Source]) -> bool:
+    """Return whether a proof of optimality is to be verified; InputError if it is not alone.
+
+    `sources` are what to read for the files, in their order.
+    """
+    both = zip(options.logs, sources, strict=True)
+    proofs = [path for path, source in both if _is_proof(path, source)]
     if not proofs:
         if options.cnf is not None or options.drat is not None:
             raise InputError("--cnf and --drat are for proofs of optimality, expected one")
@@ -64,19 +68,26 @@ def is_of_a_proof(options: argparse.Namespace) -> bool:
     return True
 
 
-def _is_proof(path: Path) -> bool:
+def _is_proof(path: Path, source: Source) -> bool:
     from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
     from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
 
     suffix = path.suffix.lower()
     if suffix in {_SUFFIX, ".mcap", ".json", ".jsonl"}:
         return suffix == _SUFFIX  # what is something else by its name is read once
+    if isinstance(source, InputFile):
+        return is_proof(source) or is_following_proof(source)
     with suppress(OSError):  # whoever reads the file says what is wrong with it
-        return path.is_file() and (is_proof(path) or is_following_proof(path))
+        # Among others, standard input is left to its reader.
+        return (
+            path != STANDARD_INPUT
+            and path.is_file()
+            and (is_proof(source) or is_following_proof(source))
+        )
     return False
 
 
-def verify_proof(options: argparse.Namespace) -> int:
+def verify_proof(options: argparse.Namespace, source: Source) -> int:
     """Check a proof of optimality; the exit code is 1 unless it is proved."""
     from cubepath.coordinator.commands.following_proofs import (  # noqa: PLC0415
         claimed_following,
@@ -84,8 +95,8 @@ def verify_proof(options: argparse.Namespace) -> int:
     )
     from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
 
-    source: Path = options.logs[0]
-    check_files(options, [source, options.of], Output(options.cnf), Output(options.drat))
+    path: Path = options.logs[0]
+    check_files(options, [path, options.of], Output(options.cnf), Output(options.drat))
     began = time.monotonic()
     with progress_bar(None, "verify", " lemmas") as bar, opened(source) as file:
 
@@ -121,7 +132,7 @@ def verify_proof(options: argparse.Namespace) -> int:
     if found.proved:
         return DONE
     complain(
-        f"{file_name(source)}: not proved: two solvers agree, and there is no log that could be"
+        f"{file_name(path)}: not proved: two solvers agree, and there is no log that could be"
         " checked"
     )
     return FAILED
@@ -161,10 +172,10 @@ def _claimed(
 
 
 def _refuse(options: argparse.Namespace, error: CheckError) -> int:
-    source: Path = options.logs[0]
-    why = str(error).removeprefix(f"{source}: ")
+    name = file_name(options.logs[0])
+    why = str(error).removeprefix(f"{name}: ")
     answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
-    complain(f"{file_name(source)}: refused: {why}")
+    complain(f"{name}: refused: {why}")
     return FAILED
 
 

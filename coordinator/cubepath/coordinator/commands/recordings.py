@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -32,6 +32,7 @@ from cubepath.coordinator.commands.files import (
     check_files,
     file_name,
     input_path,
+    opened_once,
     output_path,
 )
 from cubepath.coordinator.commands.optimality_proofs import (
@@ -43,7 +44,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.input_files import readable
+from cubepath.protocol.core.input_files import Source, readable
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -92,25 +93,31 @@ class _Told:
 def _verify(options: argparse.Namespace) -> int:
     if compares(options):
         return compare(options)
-    if is_of_a_proof(options):
-        return verify_proof(options)
-    if is_of_a_path(options):
-        return verify_certificate(options)
+    with opened_once(options.logs) as sources:
+        if is_of_a_proof(options, sources):
+            return verify_proof(options, sources[0])
+        if is_of_a_path(options):
+            return verify_certificate(options, sources[0])
+        return _verify_recordings(options, sources)
+
+
+def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     check_files(options, options.logs, Output(options.recover))
     if options.recover is not None:
-        return _recover(options)
+        return _recover(options, sources[0])
+    known = dict(zip(options.logs, sources, strict=True))
 
     def one(path: Path, tell: _Tell) -> _Told:
-        recording = read_recording(path)
+        recording = read_recording(known.get(path, path))
         return _verified(recording, audit(recording, tell))
 
     return _each(options, "verify", one)
 
 
-def _recover(options: argparse.Namespace) -> int:
+def _recover(options: argparse.Namespace, source: Source) -> int:
     """Verify one recording, and write what can be read of it to another.
 
     The exit code says whether there is anything of it, since that it is damaged is known.
@@ -127,7 +134,7 @@ def _recover(options: argparse.Namespace) -> int:
         raise InputError(f"{options.recover}: exists already, expected a new file")
     scene = _scene(options)
     with progress_bar(None, "verify", " rounds") as bar:
-        remains = remains_of(options.logs[0])
+        remains = remains_of(source)
         remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
         told = (

@@ -13,6 +13,7 @@ from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.tables import Table
@@ -34,7 +35,9 @@ def _report(options: argparse.Namespace) -> int:
         report = write_report(options.folder, options.out)
     lines = [line for table in report.tables for line in _lines(table)]
     if report.older:
-        lines.append(f"left out: {report.older} runs of earlier versions of a scene or rule")
+        lines.append(
+            f"left out: {counted(report.older, 'run')} of earlier versions of a scene or rule"
+        )
     lines += [f"written to {path}" for path in report.files[:1]]
     answer(options, report.document(), "\n".join(map(visible, lines)))
     return DONE

@@ -28,6 +28,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, module_numbers, number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
+from cubepath.protocol.core.plurals import counted
 
 _NAME = re.compile(r"process_(0|[1-9]\d{0,8})", re.ASCII)
 _RUN = re.compile(r"[0-9a-f]{12}")
@@ -259,7 +260,9 @@ def _run(options: argparse.Namespace) -> int:
 
         def watch(gatherer: Any) -> None:
             heap = gatherer.live if free else gatherer.heap
-            bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
+            bar.set_postfix_str(
+                f"{counted(heap.moves, 'move')}, {counted(heap.cubes, 'cube')}", refresh=False
+            )
             bar.update(heap.moves - bar.n if free else 1)
 
         def say(line: str) -> None:
@@ -295,7 +298,7 @@ def _run(options: argparse.Namespace) -> int:
     if outcome.schedule_cubes is not None:
         stopped = outcome.schedule_stopped
         how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
-        rows.insert(1, ("schedule", f"{outcome.schedule_cubes} cubes{how}"))
+        rows.insert(1, ("schedule", f"{counted(outcome.schedule_cubes, 'cube')}{how}"))
     answer(options, outcome.document(), table(rows))
     if outcome.error is not None:
         complain(outcome.error)

@@ -13,6 +13,7 @@ from cubepath.coordinator.commands.files import output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.search.anytime import Improved
@@ -104,7 +105,9 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     with progress_bar(None, "bounds", " steps") as bar:
 
         def watch(better: Improved) -> None:
-            bar.set_postfix_str(f"{better.cubes} cubes, {better.moves} moves", refresh=False)
+            bar.set_postfix_str(
+                f"{counted(better.cubes, 'cube')}, {counted(better.moves, 'move')}", refresh=False
+            )
 
         def tick(stage: str, steps: int) -> None:
             if steps == 0:
@@ -113,7 +116,9 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
             bar.update(steps - bar.n)
 
         def between(least: int, cubes: int) -> None:
-            bar.set_postfix_str(f"{cubes} cubes, open: {least}..{cubes - 1}", refresh=False)
+            bar.set_postfix_str(
+                f"{counted(cubes, 'cube')}, open: {least}..{cubes - 1}", refresh=False
+            )
 
         return beyond(
             task,
@@ -155,13 +160,13 @@ def beyond_rows(known: Beyond | None, proof: Path | None) -> list[tuple[str, obj
 
 
 _STEPS = {
-    "classes": "states",
-    "bounds": "sites",
-    "windows": "moves",
-    "optimum": "states",
-    "search": "tries",
-    "solver": "problems",
-    "proof": "problems",
+    "classes": "state",
+    "bounds": "site",
+    "windows": "move",
+    "optimum": "state",
+    "search": "attempt",
+    "solver": "problem",
+    "proof": "problem",
 }
 """What the steps of each stage count."""
 _ENDED = {
@@ -177,4 +182,5 @@ def _told(stage: Stage) -> str:
     if unit is None:
         return f"{stage.name} {stage.seconds:.1f} s"
     ended = _ENDED[stage.ended] if stage.why is None else f", {stage.why}"
-    return f"{stage.name} {stage.seconds:.1f} s ({stage.steps} {unit}{ended})"
+    steps = counted(stage.steps, unit)
+    return f"{stage.name} {stage.seconds:.1f} s ({steps}{ended})"

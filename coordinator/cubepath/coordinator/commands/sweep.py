@@ -25,6 +25,7 @@ from cubepath.coordinator.commands.progress import Lines, progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
@@ -198,10 +199,10 @@ def _dry_run(options: argparse.Namespace, expansion: Expansion) -> int:
     }
     lines = [
         f"{system}, rule {rule}, {clock}, hesitate {hesitate:g}, faults {faults}, {core}:"
-        f" {len(expansion.seeds)} runs"
+        f" {counted(len(expansion.seeds), 'run')}"
         for system, rule, clock, hesitate, faults, core in settings
     ]
-    answer(options, document, "\n".join(map(visible, [*lines, f"{expansion.runs} runs"])))
+    answer(options, document, "\n".join(map(visible, [*lines, counted(expansion.runs, "run")])))
     return DONE
 
 

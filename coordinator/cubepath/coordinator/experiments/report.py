@@ -31,6 +31,7 @@ from cubepath.coordinator.experiments.tables import (
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
+from cubepath.protocol.core.plurals import counted
 
 PAGE = "report.html"
 
@@ -161,7 +162,11 @@ def _facts(rows: Sequence[Row], older: int) -> list[tuple[str, object]]:
     seeds = sorted({row["seed"] for row in rows})
     ended = sorted({row["ended"] for row in rows})
     counts = ", ".join(f"{sum(row['ended'] == end for row in rows)} {end}" for end in ended)
-    before = [("left out", f"{older} runs of earlier versions of a scene or rule")] if older else []
+    before = (
+        [("left out", f"{counted(older, 'run')} of earlier versions of a scene or rule")]
+        if older
+        else []
+    )
     return [
         ("runs", len(rows)),
         *before,

@@ -17,6 +17,7 @@ from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
@@ -229,7 +230,7 @@ def render(document: Mapping[str, Any]) -> str:
     if "schedule_cubes" in document:
         stopped = document["schedule_stopped"]
         how = "" if stopped is None else f", stopped at round {stopped['round']}"
-        rows.append(("carried out", f"{document['schedule_cubes']} cubes{how}"))
+        rows.append(("carried out", f"{counted(document['schedule_cubes'], 'cube')}{how}"))
     if "certificate" in document:
         told = document["certificate"]
         rows.append(

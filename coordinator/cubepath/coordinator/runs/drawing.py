@@ -246,12 +246,13 @@ def _shown(sheet: Sheet, count: int, name: str) -> list[int]:
     """Return the numbers of the states that are shown."""
     if sheet.states is None:
         return sorted(set(np.linspace(0, count - 1, _STATES).round().astype(int).tolist()))
-    if len(sheet.states) > _STATES_MAX:
-        raise InputError(f"{len(sheet.states)} states to show, expected at most {_STATES_MAX}")
-    for number in sheet.states:
+    states = list(dict.fromkeys(sheet.states))
+    if len(states) > _STATES_MAX:
+        raise InputError(f"{len(states)} states to show, expected at most {_STATES_MAX}")
+    for number in states:
         if not 0 <= number < count:
             raise InputError(f"no {name} {number}: expected 0, the start, to {count - 1}, the last")
-    return list(sheet.states) or [0]
+    return states or [0]
 
 
 def _frames(
