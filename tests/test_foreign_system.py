@@ -178,7 +178,7 @@ def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> N
 def test_its_optimum_is_proved_in_a_file(commands: Commands) -> None:
     """The clauses come from its moves alone, and the checker asks its class for them again."""
     (commands.folder / "far.jsonl").write_text(
-        "".join(f'{{"generator": "flip", "at": {place}}}\n' for place in (5, 4, 3))
+        "".join(f'{{"generator": "flip", "at": {place}}}\n' for place in (3, 4, 5))
     )
     options = ("--system=ring:n=6", "--prove=20", "--proof=far.proof")
     found = commands.json("shorten", "far.jsonl", *options)
