@@ -174,7 +174,7 @@ def test_recordings_of_other_scenes_differ_by_their_starts(
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["a.mcap", "--same"], "--same: found 1 paths, expected two"),
+        (["a.mcap", "--same"], "--same: found 1 path, expected two"),
         (["a", "b", "c", "--homotopic"], "--homotopic: found 3 paths, expected two"),
         (["a", "b", "--same", "--recover", "c.mcap"], "expected no --recover"),
         (["missing.mcap", "b", "--same"], "missing.mcap"),

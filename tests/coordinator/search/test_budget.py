@@ -195,7 +195,7 @@ def test_effort_counts_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert documents[0]["improved"] <= documents[0]["cubes"]
     _, out, _ = shortened(capsys, path, "--effort", 3, "--max-states", 9)
     assert "search" in out.partition("spent on")[2]
-    assert "3 tries, at its limit" in out
+    assert "3 attempts, at its limit" in out
     code, _, error = shortened(capsys, path, "--effort", 3, "--improve", 1)
     assert (code, error.count("\n")) == (2, 1)
     assert "--improve and --effort" in error
