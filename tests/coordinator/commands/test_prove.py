@@ -99,6 +99,15 @@ def test_no_time_is_no_failure(seconds: str, tmp_path: Path, capsys: Capture) ->
         assert none
 
 
+def test_a_file_that_is_not_written_is_left_as_it_was(tmp_path: Path, capsys: Capture) -> None:
+    """So that nobody takes an earlier proof for one of this path, the summary says so."""
+    proof = tmp_path / "a.proof"
+    proof.write_text("of another path")
+    assert main(["shorten", GRID, "--prove", "0", "--proof", str(proof)]) == 0
+    assert f"refuted by clauses; {proof} is left as it was\n" in capsys.readouterr().out
+    assert proof.read_text() == "of another path"
+
+
 def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
     """No others exist, so the clauses are about these."""
     moves = moves_of(tmp_path, "ab", "bc", "cd", "xy")

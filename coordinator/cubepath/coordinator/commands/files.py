@@ -48,6 +48,11 @@ def file_name(path: Path) -> str:
     )
 
 
+def none_written(path: Path, why: str) -> str:
+    """Return why a file was not written, and what is there if something is."""
+    return f"none: {why}" + (f"; {file_name(path)} is left as it was" if path.is_file() else "")
+
+
 @contextmanager
 def opened_once(paths: Sequence[Path]) -> Generator[Sequence[Source]]:
     """Yield what to read for files whose first bytes say what they are.

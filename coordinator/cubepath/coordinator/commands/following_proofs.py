@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.checked_proofs import CheckedProof, ClaimedProof
-from cubepath.coordinator.commands.files import file_name
+from cubepath.coordinator.commands.files import file_name, none_written
 from cubepath.coordinator.commands.plan_options import hints
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.input_files import InputFile
@@ -38,7 +38,7 @@ def write_fewest(
         return []
     proof: Path = options.proof
     if fewest.refuted is None:
-        return [("proof", "none: nothing moves")]
+        return [("proof", none_written(proof, "nothing moves"))]
     write_following_proof(proof, fewest_rounds_proof(fewest.refuted, timetable))
     return [("proof", file_name(proof))]
 

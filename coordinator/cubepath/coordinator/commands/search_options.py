@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.files import output_path
+from cubepath.coordinator.commands.files import none_written, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
@@ -150,7 +150,8 @@ def beyond_rows(known: Beyond | None, proof: Path | None) -> list[tuple[str, obj
     if known.agreed is not None:
         rows.append(("agreed", f"{known.agreed} (two solvers, without a proof to check)"))
     if proof is not None:
-        rows.append(("proof", known.proof or "none: no length was refuted by clauses"))
+        none = none_written(proof, "no length was refuted by clauses")
+        rows.append(("proof", known.proof or none))
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))
     rows += [
