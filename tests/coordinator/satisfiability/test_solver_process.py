@@ -64,16 +64,6 @@ def eventually(holds: Callable[[], bool]) -> bool:
     return True
 
 
-def test_a_nicer_solver_leaves_the_processor_to_others() -> None:
-    """It answers as any, with a niceness above that of this process."""
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    for niceness in (0, 7):
-        with SolverProcess(niceness=niceness) as solver:
-            assert solver.solve(problem("agv:graph=grid3x3,n=2", 3)).satisfiable
-            found = os.getpriority(os.PRIO_PROCESS, pid_of(solver))
-            assert found == min(own + niceness, 19)
-
-
 @pytest.fixture(params=[SOLVER, SECOND_SOLVER])
 def solver(request: pytest.FixtureRequest) -> Iterator[SolverProcess]:
     with SolverProcess(request.param) as process:

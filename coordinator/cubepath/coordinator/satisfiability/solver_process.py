@@ -102,14 +102,12 @@ class SolverProcess:
     [False, True]
     """
 
-    def __init__(self, solver: str = SOLVER, *, log_max: int = LOG_MAX, niceness: int = 0) -> None:
+    def __init__(self, solver: str = SOLVER, *, log_max: int = LOG_MAX) -> None:
         """Prepare; the process is started with the first problem.
 
-        A log of more than `log_max` bytes is given up, and the answer comes without it. `niceness`
-        is added to that of this process: with more of it, others come first.
+        A log of more than `log_max` bytes is given up, and the answer comes without it.
         """
         self._solver = solver
-        self._niceness = niceness
         self._log_max = log_max
         self._child: _Child | None = None
         self._asked: Problem | None = None
@@ -247,7 +245,7 @@ class SolverProcess:
     def _started(self) -> _Child:
         if self._child is None:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", _CHILD, str(os.getpid()), str(self._niceness)],
+                [sys.executable, "-P", "-m", _CHILD, str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

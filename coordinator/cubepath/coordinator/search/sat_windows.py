@@ -58,8 +58,6 @@ _REST_ON_GRAPH = 5.0
 """For vehicles, other steps get so many times the time that building clauses took."""
 _STALLED_S = 1.0
 """For vehicles, nothing is asked while other steps find better plans within this time."""
-_NICE_ON_GRAPH = 10
-"""For vehicles, the solver leaves the processor to other steps where there are too few."""
 _LITERALS_MAX = 3_000_000
 """Windows with longer clauses are left out."""
 _ACTIONS_MAX = 200_000
@@ -122,10 +120,7 @@ class SatWindows:
         self._on_graph = system is not None and system.graph is not None
         self._listed = () if system is not None else [each for cube in best for each in cube]
         self._best, self._budget, self._stage = best, budget, stage
-        # Glucose is the one that finds paths sooner.
-        self._solver = SolverProcess(
-            SECOND_SOLVER, niceness=_NICE_ON_GRAPH if self._on_graph else 0
-        )
+        self._solver = SolverProcess(SECOND_SOLVER)  # the one that finds paths sooner
         self._ready = 0.0
         self._table: MetMoves | None = None
         self._fingerprints: dict[Site, int] = {}
