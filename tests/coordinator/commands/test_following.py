@@ -230,15 +230,17 @@ def test_a_proof_is_of_its_input(
 
 
 def test_a_changed_proof_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """With the block and the byte at which it begins, and exit code 1."""
+    """With the block and the byte at which it begins, and exit code 1; no proof is a path."""
     pytest.importorskip("pysat.solvers")
     given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
     given.write_text(json.dumps(CROSSING))
     main(["shorten", str(given), "--following", "cgshop", "--prove", "60", "--proof", str(proof)])
+    capsys.readouterr()
+    code, _, error = answered(capsys, "shorten", proof)
+    assert (code, "a proof of optimality, expected a path" in error) == (2, True)
     data = bytearray(proof.read_bytes())
     data[len(data) // 2] ^= 1
     proof.write_bytes(data)
-    capsys.readouterr()
     code, found, error = answered(capsys, "verify", proof)
     assert (code, found["ok"]) == (1, False)
     assert "block " in error

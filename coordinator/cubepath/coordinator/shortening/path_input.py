@@ -23,6 +23,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.following import is_following
+from cubepath.protocol.path_files.following_proofs import is_following_proof
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import is_npz, read_moves_npz
 from cubepath.protocol.path_files.numbered import (
@@ -177,7 +178,7 @@ class _Reading:
                 f"{file.path}: a timetable of vehicles that follow one another, whose moves do not"
                 " commute: expected the path that it is of"
             )
-        if is_proof(file):
+        if is_proof(file) or is_following_proof(file):
             raise InputError(
                 f"{file.path}: a proof of optimality, expected a path;"
                 " 'cubepath verify' checks proofs"
