@@ -290,6 +290,14 @@ def test_changed_claims_are_refused(changes: dict[str, object], why: str) -> Non
     assert re.search(why, refused(replace(crossed(), **changes)))  # type: ignore[arg-type]
 
 
+def test_a_claim_of_many_rounds_is_refused_before_anything_is_derived() -> None:
+    """What would be derived grows with the rounds, which a small file can hold by the million."""
+    rounds = 10**6
+    schedule = [*crossed().schedule, *([[]] * rounds)][: rounds + 1]
+    why = refused(replace(crossed(), refuted=rounds, schedule=schedule))
+    assert re.fullmatch(r"\d+ variables, expected \d+ or more for 1000000 rounds", why)
+
+
 def test_more_edges_change_the_clauses() -> None:
     """A proof on a smaller workspace is none on a larger one."""
     places = list(crossed().vertices)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -71,11 +72,21 @@ class FollowingClauses:
                 if first is not None and left is not None and first + left <= rounds
             }
             self._when.append(spans)
-        self._visitors: dict[Span, list[int]] = defaultdict(list)
+
+    @cached_property
+    def _visitors(self) -> dict[Span, list[int]]:
+        """Who can be at each vertex at each time."""
+        found: dict[Span, list[int]] = defaultdict(list)
         for who, spans in enumerate(self._when):
             for vertex, (first, last) in spans.items():
                 for time in range(first, last + 1):
-                    self._visitors[vertex, time].append(who)
+                    found[vertex, time].append(who)
+        return found
+
+    @property
+    def least_variables(self) -> int:
+        """How many variables say where vehicles are; all that is derived grows with it."""
+        return sum(last - first + 1 for spans in self._when for first, last in spans.values())
 
     @property
     def too_far(self) -> bool:

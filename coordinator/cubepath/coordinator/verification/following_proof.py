@@ -22,6 +22,7 @@ from cubepath.coordinator.verification.following_rules import Cell, why_not_in_r
 from cubepath.coordinator.verification.refutation_clauses import Clauses
 from cubepath.coordinator.verification.unit_propagation import Refuter, dimacs
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.following import FollowingLine
 from cubepath.protocol.path_files.following_proofs import FollowingProof
@@ -118,6 +119,11 @@ class FollowingRefutation:
         task = FollowingClauses(beside, starts, ends, proof.refuted, beyond)
         if task.too_far:
             return None
+        if task.least_variables > len(proof.variables):
+            raise CheckError(
+                f"{len(proof.variables)} variables, expected {task.least_variables} or more for"
+                f" {counted(proof.refuted, 'round')}"
+            )
         self._tell("clauses", 0)
         return task.clauses(self._names(task))
 
