@@ -44,7 +44,7 @@ def reached(run: Rig) -> Log:
 
 def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: StartRun) -> None:
     log = reached(cubepath_run(CHAIN, **FREE))
-    commits: list[Any] = [each.message for each in log.messages("moved")]
+    commits = log.messages("moved")
     names = [(each.module, each.epoch, each.number) for each in commits]
     assert len(set(names)) == len(names)
     assert len(log.moves) == sum(each.generator is not None for each in commits)

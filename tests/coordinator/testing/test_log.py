@@ -45,7 +45,7 @@ def test_a_golden_log_is_legal_and_the_same_as_itself(path: Path) -> None:
 def test_every_message_has_a_line(path: Path) -> None:
     """Its kind is that of its topic, its sender that of its key, and what it says is short."""
     log = Log.read(path)
-    for seen, record in zip(log.all_messages, log.recording.records, strict=True):
+    for seen, record in zip(log.all_deliveries, log.recording.records, strict=True):
         assert f"{seen.kind}/{seen.sender}" == record.topic
         assert len(table([seen]).splitlines()) == 2
 
@@ -134,7 +134,7 @@ def test_order_and_counts() -> None:
     log = Log(recorded("agv:graph=grid4x4,n=6", rounds=4))
     log.assert_order("claim", Pattern(kind="report", round=1))
     log.assert_count(4, "report", module=3)
-    log.assert_count(range(1, 5), "claim", round=1)
+    log.assert_count(range(1, 7), "claim", round=1)
     fails(lambda: log.assert_order("report", "claim"), "^'claim' comes before 'report': message ")
     fails(lambda: log.assert_order("act", "claim"), "^no message is 'act', expected one")
     fails(
@@ -152,10 +152,29 @@ def test_order_and_counts() -> None:
         log.count("reports_")
 
 
+def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processes() -> None:
+    """Deliveries differ: a process puts all that its modules say to a region into one."""
+    logs = [
+        Log(recorded("agv:graph=grid10x4,n=8", "random", processes=processes, rounds=5))
+        for processes in (1, 2, 4)
+    ]
+    for kind in ("here", "claim", "verdict", "report"):
+        texts = [sorted(map(str, log.messages(kind))) for log in logs]
+        assert texts[0] == texts[1] == texts[2]
+        (count,) = {log.count(kind) for log in logs}
+        assert count == len(set(texts[0])) > 0
+        for log in logs:
+            log.assert_count(count, kind)
+    assert len({len(log.deliveries("claim")) for log in logs}) == 3
+    fails(lambda: logs[0].assert_count(0, "claim"), r"^\d+ messages are 'claim', expected 0$")
+    one = logs[0].claims()[0]
+    assert {log.count("claim", module=one.module, round=one.round) for log in logs} == {1}
+
+
 @given(st.integers(0, 200), st.integers(0, 250))
 def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int) -> None:
     """However many messages there are; the one that is marked is among them."""
-    messages = (Log.read(LOGS[0]).all_messages * 5)[:count] if count else ()
+    messages = (Log.read(LOGS[0]).all_deliveries * 5)[:count] if count else ()
     marked = [place] if place < count else []
     lines = table(messages, marked).splitlines()
     assert len(lines) <= ROWS_MAX + 2

@@ -39,7 +39,7 @@ def test_a_function_is_called_with_each_message_in_order() -> None:
     """With the bytes on record and a key of the run; or with some of them."""
     log = Log(recorded("hex:n=4", "chain", processes=2, rounds=5))
     found = replay_into(log, lambda seen: seen, run="r")
-    said = [each for each in log.all_messages if each.kind not in ("edges", "cube")]
+    said = [each for each in log.all_deliveries if each.kind not in ("edges", "cube")]
     assert [each.data for each in found] == [
         each.data for each in said if each.kind not in ("certificate", "summary")
     ]
@@ -75,7 +75,7 @@ def test_a_node_does_again_what_it_did(cubepath_replay: Replay) -> None:
         log, HostNode(orders, recording.scene), where=lambda seen: seen.sender != "process_0"
     )
     puts = [decode(each.data) for each in heard if isinstance(each, Put)]
-    due = [each.message for each in log.messages(sender="process_0")]
+    due = [each.message for each in log.deliveries(sender="process_0")]
     kinds = (Said, Reports)
     assert [each for each in puts if isinstance(each, kinds)] == [
         each for each in due if isinstance(each, kinds)

@@ -28,7 +28,7 @@ from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision
-from cubepath.protocol.wire.messages import Claim, Report
+from cubepath.protocol.wire.messages import Claim, Report, encode
 
 Result: TypeAlias = Literal["granted", "lost", "unknown"]
 What: TypeAlias = "Pattern | str"
@@ -117,8 +117,8 @@ class Log:
     # What was said.
 
     @cached_property
-    def all_messages(self) -> tuple[Seen, ...]:
-        """All messages on record in order, as they were on the wire: parts are not taken apart.
+    def all_deliveries(self) -> tuple[Seen, ...]:
+        """All that is on record in order, as it was on the wire: parts are not taken apart.
 
         The order is that in which the coordinator heard them. Of processes that say something in
         one phase, or without rounds at all, it says nothing of who was first.
@@ -128,25 +128,47 @@ class Log:
             Seen(f"cubepath/log/{each.topic}", each.data, each.wall_ns / 1e9) for each in records
         )
 
-    def messages(self, what: What = "", **pattern: Any) -> list[Seen]:
+    def messages(self, what: What = "", **pattern: Any) -> list[Any]:
         """Return the messages of a kind, or that a pattern means; the keys are those of `Pattern`.
 
-        A message is meant if one of its parts is: ``messages("claim", module=3)`` are those that
-        bring a claim of module 3. InputError for an unknown kind.
+        They are decoded, as `cubepath.protocol` has them. A message that a module sends, such as a
+        `Claim`, is there once, however many deliveries carry it; so the same run has the same
+        messages of modules in any number of processes. Kinds that belong to processes, such as
+        ``said`` and ``ready``, come as they were on the wire. InputError for an unknown kind.
         """
-        return [self.all_messages[place] for place in self.places(what, **pattern)]
+        wanted = pattern_of(what, **pattern)
+        found: dict[object, Any] = {}
+        for place in self.places(wanted):
+            seen = self.all_deliveries[place]
+            if wanted.kind == seen.kind:
+                found[place] = seen.message
+                continue
+            for (kind, module), part in zip(seen.parts, seen.contents, strict=True):
+                if wanted.kind in (None, kind) and wanted.module in (None, module):
+                    alone = part is seen.message
+                    found.setdefault(place if alone else (seen.sender, encode(part)), part)
+        return list(found.values())
 
     def count(self, what: What = "", **pattern: Any) -> int:
-        """Return how many such messages there are; keys as for `messages`."""
-        return len(self.places(what, **pattern))
+        """Return the number of such messages; keys as for `messages`."""
+        return len(self.messages(what, **pattern))
+
+    def deliveries(self, what: What = "", **pattern: Any) -> list[Seen]:
+        """Return what was put on the wire that is such a message or carries one; keys as above.
+
+        A process puts one delivery to each region, with all messages of its modules that are
+        addressed there. So the number of deliveries depends on the number of processes.
+        """
+        return [self.all_deliveries[place] for place in self.places(what, **pattern)]
 
     def places(self, what: What = "", **pattern: Any) -> list[int]:
-        """Return the places of such messages in `all_messages`; keys as for `messages`."""
+        """Return the places of such deliveries in `all_deliveries`; keys as for `messages`."""
         found = pattern_of(what, **pattern)
         self._check_module(found.module)
         if found.sender is not None and not _SPEAKER.fullmatch(found.sender):
-            check_name("sender=", found.sender, sorted({each.sender for each in self.all_messages}))
-        return [place for place, each in enumerate(self.all_messages) if found.holds(each)]
+            senders = {each.sender for each in self.all_deliveries}
+            check_name("sender=", found.sender, sorted(senders))
+        return [place for place, each in enumerate(self.all_deliveries) if found.holds(each)]
 
     # What was done.
 
@@ -197,7 +219,7 @@ class Log:
             check_whole("module", module, 0, len(self.scene.start) - 1)
 
     def _parts(self, *kinds: type[Any]) -> Iterator[Any]:
-        for seen in self.all_messages:
+        for seen in self.all_deliveries:
             found: Any = seen.message
             for part in getattr(found, "parts", (found,)):
                 if isinstance(part, kinds):
@@ -299,7 +321,7 @@ class Log:
         """Check that the first message of one kind or pattern comes before the first of another.
 
         AssertionError if either is missing, or if they come the other way round. See
-        `all_messages` for what the order of a log means.
+        `all_deliveries` for what the order of a log means.
         """
         __tracebackhide__ = True
         one, two = self.places(first), self.places(then)
@@ -314,23 +336,25 @@ class Log:
             )
 
     def assert_count(self, expected: int | range, what: What = "", **pattern: Any) -> None:
-        """Check that there are so many such messages, or a number in a range; keys as `messages`.
+        """Check the number of such messages; keys as for `messages`.
 
-        AssertionError tells how many there are, and shows the first of them.
+        `expected` is a number, or a range that has it. AssertionError tells how many there are, and
+        shows the first of them.
         """
         __tracebackhide__ = True
         if not isinstance(expected, range):
             check_whole("expected", expected)
-        found = self.places(what, **pattern)
+        found = self.count(what, **pattern)
         if isinstance(expected, range):
-            holds, due = len(found) in expected, f"{expected.start} to {expected.stop - 1}"
+            holds, due = found in expected, f"{expected.start} to {expected.stop - 1}"
         else:
-            holds, due = len(found) == expected, str(expected)
+            holds, due = found == expected, str(expected)
         if holds:
             return
         name = _named(pattern_of(what, **pattern))
+        places = self.places(what, **pattern)
         self._fail(
-            f"{len(found)} messages are {name}, expected {due}", place=found[0] if found else None
+            f"{found} messages are {name}, expected {due}", place=places[0] if places else None
         )
 
     def assert_claimed(
@@ -377,7 +401,7 @@ class Log:
     ) -> NoReturn:
         """Raise AssertionError with the messages around a place, or of a round and a module."""
         __tracebackhide__ = True
-        everything = self.all_messages
+        everything = self.all_deliveries
         marked = [each for each in (place, also) if each is not None]
         title = "the messages around it"
         if not marked and at is not None:

@@ -44,7 +44,7 @@ def replay_into(
     meant = pattern_of(what, **pattern)
     return [
         to(_on_wire(each, run))
-        for each in log.all_messages
+        for each in log.all_deliveries
         if each.kind not in RESULTS and meant.holds(each)
     ]
 

@@ -6,7 +6,7 @@ and tables need not know the clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -121,12 +121,14 @@ class Seen:
         """The kind of each part and the module that it is of or about; of most kinds one part."""
         return tuple(self._parts())
 
-    def _parts(self) -> Iterator[tuple[str, int | None]]:
+    @cached_property
+    def contents(self) -> tuple[Any, ...]:
+        """The parts themselves, in the order of `parts`; a message without parts is its own."""
         found: Any = self.message
-        if found is None:
-            return
-        parts: Sequence[Any] = getattr(found, "parts", parts_of(found))
-        for part in parts:
+        return () if found is None else tuple(getattr(found, "parts", parts_of(found)))
+
+    def _parts(self) -> Iterator[tuple[str, int | None]]:
+        for part in self.contents:
             about: Any = part.attempt if isinstance(part, Passed) else part
             module = getattr(about, "module", None)
             yield str(part.__struct_config__.tag), module if isinstance(module, int) else None

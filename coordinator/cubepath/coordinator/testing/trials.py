@@ -133,7 +133,7 @@ class Tried:
         if len(self.fired) > _FAULTS_SHOWN:
             lines.append(f"and {len(self.fired) - _FAULTS_SHOWN} more faults")
         if isinstance(self.run, Simulated):
-            said = [seen for seen in self.log.all_messages if seen.kind not in RESULTS]
+            said = [seen for seen in self.log.all_deliveries if seen.kind not in RESULTS]
             lines.append(table(said, title="the last messages"))
         raise AssertionError("\n".join(lines))
 
