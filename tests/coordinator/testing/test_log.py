@@ -166,7 +166,7 @@ def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processe
         for log in logs:
             log.assert_count(count, kind)
     assert len({len(log.deliveries("claim")) for log in logs}) == 3
-    fails(lambda: logs[0].assert_count(0, "claim"), r"^\d+ messages are 'claim', expected 0$")
+    fails(lambda: logs[0].assert_count(0, "claim"), r"^\d+ messages are 'kind=claim', expected 0$")
     one = logs[0].claims()[0]
     assert {log.count("claim", module=one.module, round=one.round) for log in logs} == {1}
 
