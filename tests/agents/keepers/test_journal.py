@@ -117,6 +117,15 @@ def test_a_full_disk_ends_a_keeper(tmp_path: Path) -> None:
         assert [*journal.records()] == []
 
 
+def test_a_log_never_leads_through_a_link(tmp_path: Path) -> None:
+    """What the link leads to keeps its bytes."""
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "keeper-0.log").symlink_to("mine")
+    with pytest.raises(InputError, match="symbolic links, expected a keeper's log"):
+        FileJournal(tmp_path / "keeper-0.log")
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_log_that_cannot_be_opened_is_bad_input(tmp_path: Path) -> None:
     """With the path, and why."""
     with pytest.raises(InputError, match="Is a directory, expected a keeper's log"):

@@ -7,12 +7,20 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.output_files import check_output, same_file, written_whole
+from cubepath.protocol.core.output_files import (
+    appended_file,
+    check_output,
+    new_file,
+    same_file,
+    special_file,
+    written_whole,
+)
 
 FULL = """
 import resource, sys
@@ -109,6 +117,70 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
             stream.write(text)
         assert link.is_symlink()
         assert (tmp_path / "folder" / "file").read_bytes() == text
+
+
+def test_nobody_can_guess_the_name_of_an_unfinished_file(tmp_path: Path) -> None:
+    """Two of the same destination differ, and a link of the old name leads nowhere."""
+    path = tmp_path / "file"
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / f".file.{os.getpid()}.part").symlink_to("mine")
+    before = names(tmp_path)
+    found = set()
+    for _ in range(2):
+        with written_whole(path) as stream:
+            stream.write(b"new")
+            found |= set(names(tmp_path)) - {*before, "file"}
+    assert len(found) == 2
+    assert (path.read_text(), (tmp_path / "mine").read_text()) == ("new", "mine")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
+def test_a_link_that_a_stranger_planted_is_refused(tmp_path: Path) -> None:
+    """Nothing is touched; a link that belongs to the owner of its folder is followed."""
+    (tmp_path / "mine").write_text("mine")
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    (folder / "file").symlink_to(tmp_path / "mine")
+    os.chown(folder / "file", 4711, 4711, follow_symlinks=False)
+    for write in (check_output, lambda path: written_whole(path).__enter__()):
+        with pytest.raises(InputError) as caught:
+            write(folder / "file")
+        assert str(caught.value) == (
+            f"{folder / 'file'}: cannot be written: {folder.resolve() / 'file'} is a link of"
+            " another user, expected none or your own"
+        )
+    assert ((tmp_path / "mine").read_text(), names(folder)) == ("mine", ["file"])
+    os.chown(folder, 4711, 4711)
+    with written_whole(folder / "file") as stream:
+        stream.write(b"new")
+    assert (tmp_path / "mine").read_text() == "new"
+
+
+def test_links_in_a_circle_are_told(tmp_path: Path) -> None:
+    """With the system's reason, before anything is written."""
+    (tmp_path / "one").symlink_to("two")
+    (tmp_path / "two").symlink_to("one")
+    with pytest.raises(InputError, match="one: cannot be written: Too many levels"):
+        check_output(tmp_path / "one")
+
+
+@pytest.mark.parametrize(
+    "open_it",
+    [
+        lambda path: new_file(path).close(),
+        lambda path: special_file(path).close(),
+        lambda path: appended_file(path).close(),
+    ],
+)
+def test_a_new_file_never_leads_through_a_link(
+    open_it: Callable[[Path], None], tmp_path: Path
+) -> None:
+    """Whether the link leads to a file or to nothing; the file keeps its bytes."""
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "link").symlink_to("mine")
+    with pytest.raises(OSError, match=r"exists|symbolic links"):
+        open_it(tmp_path / "link")
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_a_pipe_is_written_in_place(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from zlib import crc32
 import msgspec
 
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.output_files import appended_file
 from cubepath.protocol.wire.free_messages import Decision, Enter, Moved, Passed
 
 
@@ -112,7 +113,7 @@ class FileJournal:
         """The offset of each commit, and its length."""
         self._end = 0
         try:
-            self._file = path.open("a+b")
+            self._file = appended_file(path)
         except OSError as error:
             raise InputError(
                 f"{path}: {error.strerror or error}, expected a keeper's log"

@@ -35,7 +35,12 @@ from cubepath.coordinator.experiments.rows import (
 )
 from cubepath.coordinator.experiments.setting import OF_SCENES, Batch
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
+from cubepath.protocol.core.output_files import (
+    appended_file,
+    check_output_folder,
+    unwritable,
+    written_whole,
+)
 
 MARK = "sweep.json"
 _FORMAT = "cubepath-sweep-1"
@@ -125,7 +130,7 @@ class SweepFolder:
     def _lock_it(self) -> None:
         """Lock the folder, or raise BlockingIOError: it is looked into by one sweep at a time."""
         self._locked_first = not (self.folder / _LOCK).exists()
-        self._lock = (self.folder / _LOCK).open("ab")
+        self._lock = appended_file(self.folder / _LOCK)
         fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _check(self) -> None:

@@ -18,10 +18,17 @@ import zenoh
 from cubepath.coordinator.testing.lane import WAITING_MAX, Lane
 from cubepath.coordinator.testing.rules import Direction, Rule
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sessions import open_client, open_router
-from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
+from cubepath.protocol.wire.sockets import (
+    PASSWORDS,
+    clear,
+    discard,
+    is_private,
+    new_endpoint,
+)
 
 ALL = "**"
 _ASK_S_MAX = 60.0
@@ -66,10 +73,10 @@ class Link:
         if is_private(endpoint):
             where = new_endpoint()
             self._resources.callback(discard, where)
-            words = clear(where) / "passwords"
-            words.touch(mode=0o600)
+            words = clear(where) / PASSWORDS
             named = {GUEST.name: GUEST.password, credentials.name: credentials.password}
-            words.write_text("".join(f"{name}:{word}\n" for name, word in named.items()))
+            with new_file(words, 0o600) as file:
+                file.write("".join(f"{name}:{word}\n" for name, word in named.items()).encode())
             guard["transport/auth/usrpwd/dictionary_file"] = str(words)
         near = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
         self._resources.callback(near.close)

@@ -58,10 +58,13 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.ordinals import Ordinals
     from cubepath.protocol.core.output_files import (
         STANDARD_OUTPUT,
+        appended_file,
         check_output,
         check_output_folder,
         is_special,
+        new_file,
         same_file,
+        special_file,
         unwritable,
         written_whole,
     )
@@ -120,8 +123,8 @@ else:
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
             "output_files": (
-                "STANDARD_OUTPUT check_output check_output_folder is_special same_file"
-                " unwritable written_whole"
+                "STANDARD_OUTPUT appended_file check_output check_output_folder is_special new_file"
+                " same_file special_file unwritable written_whole"
             ),
             "sites": (
                 "DEPTH_MAX Site in_order pairs_from_json site_from_json site_text "
@@ -181,6 +184,7 @@ __all__ = [
     "action_of_parts",
     "admissible",
     "all_values",
+    "appended_file",
     "apply",
     "apply_in_place",
     "check_keys",
@@ -196,6 +200,7 @@ __all__ = [
     "in_order",
     "is_special",
     "local_only",
+    "new_file",
     "one_to_one",
     "opened",
     "pairs_from_json",
@@ -210,6 +215,7 @@ __all__ = [
     "site_from_json",
     "site_text",
     "sites_from_json",
+    "special_file",
     "to_json",
     "unwritable",
     "visible",

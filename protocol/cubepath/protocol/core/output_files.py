@@ -1,6 +1,11 @@
 """Output files: each written whole or not at all, and checked before long work begins.
 
-Anything but a regular file, such as standard output, a pipe or a device, is written in place.
+A new file gets a name that nobody can guess, is created exclusively, and then takes the place of
+the old one. A symbolic link at the destination is followed, so that the link stays and the file
+that it leads to is replaced, but only if the link belongs to you, to root, or to the owner of the
+folder it is in: one that somebody else planted in a shared folder is refused. Linux has the same
+rule for /tmp (``protected_symlinks`` in proc(5)). Anything but a regular file, such as standard
+output, a pipe or a device, is written in place.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ import stat
 import sys
 from collections.abc import Generator
 from pathlib import Path
+from secrets import token_hex
 from typing import BinaryIO
 
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
@@ -19,6 +25,8 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 STANDARD_OUTPUT = Path("/dev/stdout")
 """The path that writers take for standard output; on the command line it is ``-``."""
 _NAME_MAX = 100
+_LINKS_MAX = 40
+"""Links in a row that are followed, as many as Linux follows."""
 _FULL_OR_BROKEN = {errno.ENOSPC, errno.EDQUOT, errno.EIO}
 
 
@@ -27,9 +35,9 @@ def written_whole(path: Path | str) -> Generator[BinaryIO]:
     """Open a file for writing that is complete afterwards, or unchanged.
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
-    it cannot be written, CheckError if that is standard output or the disk is full or broken, and
-    BrokenPipeError if it has no reader any more. An OSError of the body counts as a failure to
-    write; other errors of the body propagate.
+    it cannot be written or its name is a link of another user, CheckError if that is standard
+    output or the disk is full or broken, and BrokenPipeError if it has no reader any more. An
+    OSError of the body counts as a failure to write; other errors of the body propagate.
     """
     path = Path(path)
     if path == STANDARD_OUTPUT:
@@ -38,16 +46,20 @@ def written_whole(path: Path | str) -> Generator[BinaryIO]:
         return
     part: Path | None = None
     try:
-        target = path
-        if not is_special(path):
-            target = _resolved(path)  # a link stays a link
-            part = target.with_name(f".{target.name[:_NAME_MAX]}.{os.getpid()}.part")
-        with (part or target).open("wb") as stream:
-            if part is not None and target.exists():
-                part.chmod(stat.S_IMODE(target.stat().st_mode))
+        if is_special(path):
+            with special_file(path) as stream:
+                yield stream
+            return
+        target = _resolved(path)  # a link stays a link
+        named = target.with_name(f".{target.name[:_NAME_MAX]}.{token_hex(8)}.part")
+        before = target.stat().st_mode if target.exists() else None
+        # Nobody may read the new file who could not read the old one, not even for a moment.
+        with new_file(named, 0o666 if before is None else 0o600) as stream:
+            part = named
+            if before is not None:
+                os.fchmod(stream.fileno(), stat.S_IMODE(before))
             yield stream
-        if part is not None:
-            part.replace(target)
+        part.replace(target)
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -56,6 +68,30 @@ def written_whole(path: Path | str) -> Generator[BinaryIO]:
         if part is not None:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def new_file(path: Path, mode: int = 0o666) -> BinaryIO:
+    """Create a file for writing, with these permissions at most; it never leads through a link.
+
+    Raises FileExistsError if anything has that name already, and OSError if it cannot be made.
+    """
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb")
+
+
+def special_file(path: Path) -> BinaryIO:
+    """Open a pipe or a device for writing; OSError if it has become a regular file."""
+    # Nothing is truncated, in case it is one. With O_CREAT the system guards pipes in /tmp.
+    stream = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600), "wb")
+    if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+        stream.close()
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+    return stream
+
+
+def appended_file(path: Path) -> BinaryIO:
+    """Open or create a file to read and to add to; OSError if it is a symbolic link."""
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    return os.fdopen(os.open(path, flags, 0o666), "a+b")
 
 
 @contextlib.contextmanager
@@ -127,10 +163,22 @@ def check_output_folder(folder: Path) -> None:
 
 
 def _resolved(path: Path) -> Path:
+    """Return where a file is, or will be, after the links that its name leads through."""
     try:
-        return path.resolve()
-    except RuntimeError as error:  # a loop of links, up to Python 3.12
-        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from error
+        for _ in range(_LINKS_MAX):
+            folder = path.parent.resolve()
+            path = folder / path.name
+            if not path.is_symlink():
+                return path
+            owner = path.lstat().st_uid
+            if owner not in {os.geteuid(), 0, folder.stat().st_uid}:
+                raise PermissionError(
+                    errno.EACCES, f"{path} is a link of another user, expected none or your own"
+                )
+            path = folder / path.readlink()
+    except RuntimeError:  # a loop of links, up to Python 3.12
+        pass
+    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
 
 
 def unwritable(path: Path, error: OSError) -> CubepathError:

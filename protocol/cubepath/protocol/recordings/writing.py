@@ -17,7 +17,14 @@ from typing import IO, Self
 import msgspec
 
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
+from cubepath.protocol.core.output_files import (
+    is_special,
+    new_file,
+    same_file,
+    special_file,
+    unwritable,
+    written_whole,
+)
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.counts import METADATA as COUNTS
@@ -284,8 +291,7 @@ def _new_file(path: Path) -> IO[bytes]:
         with contextlib.suppress(FileExistsError):  # opening it gives the reason
             path.parent.mkdir(parents=True, exist_ok=True)
         # Earlier recordings are never overwritten; a device may be written to.
-        new = path.is_file() or not path.exists()
-        return path.open("xb" if new else "wb")
+        return special_file(path) if is_special(path) else new_file(path)
     except FileExistsError:
         raise _exists(path) from None
     except OSError as error:

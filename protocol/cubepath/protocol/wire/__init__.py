@@ -128,7 +128,13 @@ if TYPE_CHECKING:
         watch,
     )
     from cubepath.protocol.wire.shell import Shell
-    from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
+    from cubepath.protocol.wire.sockets import (
+        PASSWORDS,
+        clear,
+        discard,
+        is_private,
+        new_endpoint,
+    )
     from cubepath.protocol.wire.tiles import Tiles
 else:
     __getattr__, __dir__ = lazy_face(
@@ -166,7 +172,7 @@ else:
                 "routers_of subscribe wait_for_ear watch"
             ),
             "shell": "Shell",
-            "sockets": "clear discard is_private new_endpoint",
+            "sockets": "PASSWORDS clear discard is_private new_endpoint",
             "tiles": "Tiles",
         },
     )
@@ -179,6 +185,7 @@ __all__ = [
     "HOLD_TICKS_MAX",
     "KINDS",
     "MESSAGE_BYTES_MAX",
+    "PASSWORDS",
     "PROCESSES_MAX",
     "ROOT",
     "ROUTER",

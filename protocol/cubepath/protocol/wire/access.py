@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.credentials import (
     COORDINATOR,
     ROUTER,
@@ -98,8 +99,8 @@ def guarded_by_passwords(passwords: Mapping[str, str], dictionary: Path) -> Mapp
 
     The router reads the file when it opens, and has no use for it after that.
     """
-    dictionary.touch(mode=0o600)
-    dictionary.write_text("".join(f"{name}:{word}\n" for name, word in passwords.items()))
+    with new_file(dictionary, 0o600) as file:
+        file.write("".join(f"{name}:{word}\n" for name, word in passwords.items()).encode())
     processes = sum(name.startswith(process_name(0)[:-1]) for name in passwords)
     keepers = sum(name.startswith(keeper_name(0)[:-1]) for name in passwords)
     return {

@@ -7,7 +7,6 @@ name who speaks and are for clients alone, so that nobody passes for the router.
 from __future__ import annotations
 
 import ipaddress
-import os
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.access import PROCESSES_MAX
 from cubepath.protocol.wire.credentials import (
     AUTHORITY,
@@ -152,10 +152,7 @@ class _Authority:
 
         certificate = builder.sign(self._key, hashes.SHA256())
         secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-        _write_new(self._folder / f"{name}.crt", certificate.public_bytes(Encoding.PEM), 0o644)
-        _write_new(self._folder / f"{name}.key", secret, 0o600)
-
-
-def _write_new(path: Path, data: bytes, mode: int) -> None:
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-        file.write(data)
+        with new_file(self._folder / f"{name}.crt", 0o644) as file:
+            file.write(certificate.public_bytes(Encoding.PEM))
+        with new_file(self._folder / f"{name}.key", 0o600) as file:
+            file.write(secret)

@@ -43,7 +43,7 @@ from cubepath.protocol.wire.sessions import (
     open_router,
     reachable,
 )
-from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
+from cubepath.protocol.wire.sockets import PASSWORDS, clear, discard, is_private, new_endpoint
 
 ON_LOOPBACK = "tls/127.0.0.1:0"
 """Where a router with certificates listens unless told otherwise."""
@@ -231,7 +231,7 @@ def _guard(routing: Routing) -> Mapping[str, Any]:
     if not is_private(routing.endpoint):
         return {}
     passwords = {**routing.passwords, GUEST.name: GUEST.password}
-    return guarded_by_passwords(passwords, clear(routing.endpoint) / "passwords")
+    return guarded_by_passwords(passwords, clear(routing.endpoint) / PASSWORDS)
 
 
 def main() -> int:

@@ -10,6 +10,7 @@ import contextlib
 import os
 import re
 import shutil
+import stat
 import tempfile
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from cubepath.protocol.core.errors import CubepathError
 SCHEME = "unixsock-stream/"
 _PREFIX = "cubepath-router-"
 _NAME = "socket"
+PASSWORDS = "passwords"
+"""The file with the passwords that a private router reads when it opens."""
 _BYTES_MAX = 107
 """Of the path of a unix socket (``unix(7)``)."""
 _PLAIN = re.compile(r"[\w/.+-]+", re.ASCII)
@@ -54,10 +57,16 @@ def is_private(endpoint: str) -> bool:
 
 
 def clear(endpoint: str) -> Path:
-    """Remove what a router that was killed left of its socket; return its folder, there again."""
+    """Remove what a router that was killed left of its socket; return its folder, there again.
+
+    CubepathError if somebody else has made that folder in the meantime.
+    """
     folder = Path(endpoint.removeprefix(SCHEME)).parent
     folder.mkdir(mode=0o700, exist_ok=True)
-    for name in (_NAME, f"{_NAME}.lock"):
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o077:
+        raise CubepathError(f"{folder}: not a folder of yours alone, expected that of the router")
+    for name in (_NAME, f"{_NAME}.lock", PASSWORDS):
         (folder / name).unlink(missing_ok=True)
     return folder
 
