@@ -88,6 +88,21 @@ def test_a_scenario_with_rounds(tmp_path: Path) -> None:
     assert (found.rounds, found.unsolved) == (2, None)
 
 
+@pytest.mark.parametrize("order", [[0, 1, 2], [0, 2, 1], [1, 0, 2], [2, 1, 0]])
+def test_the_order_of_moves_in_a_round_says_nothing(tmp_path: Path, order: list[int]) -> None:
+    """Each vehicle follows the one ahead, in whatever order the file lists them."""
+    train = [[[x, 0], [x + 1, 0]] for x in range(3)]
+    path = tmp_path / "train.json"
+    keys = {"grid": [4, 1], "starts": [a for a, _ in train], "goals": [b for _, b in train]}
+    keys |= {"moves": [train[which] for which in order], "rounds": [3]}
+    path.write_text(json.dumps(keys))
+    with opened(path) as file:
+        found = read_scenario(file)
+        assert [move.before for move in found.moves] == [{(2, 0)}, {(1, 0)}, {(0, 0)}]
+        assert found.vehicles is not None
+        assert rounds(found.vehicles()) == [(2, 1), (1, 1), (0, 1)]
+
+
 def test_a_scenario_without_rounds(tmp_path: Path) -> None:
     """Its moves are one after another, and nothing is said of rounds."""
     found = scenario(

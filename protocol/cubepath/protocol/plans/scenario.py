@@ -2,13 +2,14 @@
 
 These are the JSON files of the project's own sample data, an object with "starts"; see
 docs/files.md. A vehicle enters only an empty cell, so the moves as listed are one path; where the
-file has the planner's rounds, `Imported.vehicles` reads what rotates in them too.
+file has the planner's rounds, a vehicle moves after the one whose cell it enters, in whatever order
+the file lists them, and `Imported.vehicles` reads what rotates in them too.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -152,7 +153,7 @@ def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
     taken, free = set(scenario.starts), set(scenario.graph.vertices)
     edges = set(scenario.graph.edges)
     actions: dict[tuple[Site, ...], Action] = {}
-    for number, (source, target) in enumerate(scenario.moves, 1):
+    for number, (source, target) in _ordered(scenario, taken):
         try:
             for cell in (source, target):
                 _expect(cell in free, f"{text(cell)} is an obstacle or outside, expected free")
@@ -170,6 +171,28 @@ def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
         action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
         actions[ends] = action
         yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))
+
+
+def _ordered(scenario: Scenario, taken: Container[Site]) -> Iterator[tuple[int, tuple[Site, Site]]]:
+    """Yield the moves with their numbers; in a round a cell is left before it is entered.
+
+    The moves of a round are simultaneous, so the order in which the file lists them says nothing.
+    The caller keeps up to date which cells are `taken`.
+    """
+    left = enumerate(scenario.moves, 1)
+    for size in scenario.rounds or (1,) * len(scenario.moves):
+        waiting: dict[Site, tuple[int, tuple[Site, Site]]] = {}
+        for move in islice(left, size):
+            source, target = move[1]
+            if target in taken and target not in waiting:
+                waiting[target] = move
+                continue
+            yield move
+            while source in waiting:
+                follower = waiting.pop(source)
+                yield follower
+                source = follower[1][0]
+        yield from waiting.values()  # nobody left the cell, or they rotate
 
 
 def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
