@@ -16,12 +16,14 @@ from cubepath.agents.processes.join_messages import (
     Offer,
     Request,
     alive_key,
+    offer,
     orders_key,
     read_offer,
 )
 from cubepath.agents.processes.joining import Joining, join
 from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.network import Network
+from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.recruits import LOOK_MAX, QUESTIONS_MAX, Recruits
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -106,19 +108,39 @@ def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) 
 
 def test_a_coordinator_of_another_version_is_refused(endpoint: str) -> None:
     """By the process that would join it, before it reads the orders, which may be different."""
-    offer = msgspec.json.encode(Offer(PROTOCOL + 1, msgspec.Raw(b'{"strange": true}')))
+    strange = msgspec.json.encode(Offer(PROTOCOL + 1, msgspec.Raw(b'{"strange": true}')))
+    with pytest.raises(InputError, match=rf"cubepath, the coordinator {PROTOCOL + 1}: "):
+        join_offered(endpoint, strange)
+
+
+@pytest.mark.parametrize("given", [None, "other.py:MINE"])
+def test_a_file_that_a_run_names_does_not_run(
+    endpoint: str, tmp_path: Path, given: str | None
+) -> None:
+    """Unless the process that joins names this file, too."""
+    file, ran = tmp_path / "mine.py", tmp_path / "ran"
+    file.write_text(f"open({str(ran)!r}, 'w')")
+    orders = Orders("", RUN, 0, [0], [[0]], "", f"{file}:MINE", 0, 0.0, 0)
+    with pytest.raises(InputError, match=r"mine.py:MINE' is in a file, which does not run"):
+        join_offered(endpoint, offer(orders), given)
+    assert not ran.exists()
+
+
+def join_offered(endpoint: str, data: bytes, rule: str | None = None) -> None:
+    """Join a run whose coordinator answers with this offer."""
     with open_client(endpoint) as session:
         token = session.liveliness().declare_token(alive_key(RUN, COORDINATOR))
 
         def reply(query: zenoh.Query) -> None:
-            query.reply(str(query.key_expr), offer)
+            query.reply(str(query.key_expr), data)
 
         callback = zenoh.handlers.Callback(reply, indirect=False)
         queryable = session.declare_queryable(orders_key(RUN), callback)
-        with pytest.raises(InputError, match=rf"cubepath, the coordinator {PROTOCOL + 1}: "):
-            join(Joining(endpoint, (0,), run=RUN))
-        queryable.undeclare()
-        token.undeclare()
+        try:
+            join(Joining(endpoint, (0,), run=RUN, rule=rule))
+        finally:
+            queryable.undeclare()
+            token.undeclare()
 
 
 def test_a_flood_of_questions_can_be_interrupted_and_is_bounded(endpoint: str) -> None:

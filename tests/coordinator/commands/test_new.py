@@ -83,7 +83,7 @@ def test_the_files_are_told(capsys: pytest.CaptureFixture[str]) -> None:
         ("rule", "_mine", "'_mine': expected an identifier"),
         ("rule", "mine_", "'mine_': expected an identifier"),
         ("rule", "été", "'été': expected an identifier"),
-        ("rule", "class", "'class': expected an identifier"),
+        ("rule", "class", "'class' is a keyword of Python, expected another name"),
         ("rule", "../away", "'../away': expected an identifier"),
         ("rule", "tswap", "rule 'tswap' exists already, expected another name"),
         ("system", "hex", "system 'hex' exists already, expected another name"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace as with_fields
 
+from cubepath.agents.rules.registry import BUILT_IN
+from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.comparison.compared import Compared
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol.core.errors import InputError
@@ -19,6 +20,7 @@ from cubepath.protocol.recordings.recording import Recording
 from recordings import edited, first, parts, recorded, with_records
 from twin_runs import (
     Deviation,
+    deviating,
     everything,
     first_choices,
     first_other,
@@ -173,15 +175,10 @@ def test_a_rank_is_the_cause_of_another_outcome() -> None:
     assert f"they part in round {found.outcome.round}, with the claim" in str(found)
 
 
-def test_another_rule_is_the_cause_where_seeds_differ_too(tmp_path: Path) -> None:
+def test_another_rule_is_the_cause_where_seeds_differ_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """With two things that differ, each is tried alone."""
-    named = tmp_path / "rules.py"
-    named.write_text(
-        "from twin_runs import Deviation, deviating\n"
-        "from cubepath.agents.rules.uniform import RANDOM\n"
-        "OTHER = deviating(RANDOM, Deviation(2, 3))\n"
-    )
-    rule = f"{named}:OTHER"
+    rule = "other"
+    monkeypatch.setitem(BUILT_IN, rule, deviating(RANDOM, Deviation(2, 3)))
     spec = "agv:graph=grid4x4,n=6"
     a, b = twin(spec), twin(spec, deviation=Deviation(2, 3), named=rule)
     found = diff(a, b)

@@ -209,13 +209,14 @@ def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
 
 
 def test_paths_in_a_file_are_beside_it(tmp_path: Path) -> None:
-    """Systems and rules alike."""
-    (tmp_path / "mine.py").write_text("from cubepath.agents.rules.uniform import RANDOM as MINE\n")
+    """Those of systems; a rule in a file is given beside it."""
     path = tmp_path / "sweep.toml"
     path.write_text('systems = "mine.toml"\nrules = "mine.py:MINE"\n')
-    found = sweep_of([str(path)], {})
+    with pytest.raises(InputError, match=r"sweep.toml: rule 'mine.py:MINE' is in a file"):
+        sweep_of([str(path)], {})
+    found = sweep_of([str(path)], {"rules": ["random"]})
     assert found.systems == (str(tmp_path / "mine.toml"),)
-    assert found.rules == (f"{tmp_path}/mine.py:MINE",)
+    assert found.rules == ("random",)
 
 
 @pytest.mark.parametrize(

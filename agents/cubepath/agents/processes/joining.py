@@ -30,6 +30,7 @@ from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.processes.roster import ASK_S
+from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
 from cubepath.protocol.wire.keys import topic_key
@@ -59,6 +60,8 @@ class Joining:
     secure: Path | None = None
     """The folder of certificates, one of them of that name."""
     patience_s: float = PATIENCE_S
+    rule: str | None = None
+    """FILE.py:NAME, if the run may name this file for its rule; others do not run."""
 
     def check(self) -> None:
         """InputError if it cannot be tried at all."""
@@ -91,8 +94,13 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
         coordinator = alive_key(run, COORDINATOR)
         liveness = Liveness(session, coordinator, coordinator)
         say(f"waiting for run {run} to begin")
+        found = _ordered(session, joining, run, liveness)
+        if found.recorded is not None:
+            for name in found.recorded.rules.values():
+                permitted_rule(name, None)
         orders = replace(
-            _ordered(session, joining, run, liveness),
+            found,
+            rule=permitted_rule(found.rule, joining.rule),
             endpoint=joining.connect,
             credentials=joining.credentials,
         )

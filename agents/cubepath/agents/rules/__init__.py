@@ -38,7 +38,12 @@ if TYPE_CHECKING:
         unknown_rule,
     )
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
-    from cubepath.agents.rules.rule_files import RULE_MODULE, forget_rule_files, is_in_file
+    from cubepath.agents.rules.rule_files import (
+        RULE_MODULE,
+        forget_rule_files,
+        is_in_file,
+        permitted_rule,
+    )
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
     from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
@@ -62,7 +67,7 @@ else:
             "recorded": "RECORDED Recorded RecordedChoice as_recorded",
             "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
-            "rule_files": "RULE_MODULE forget_rule_files is_in_file",
+            "rule_files": "RULE_MODULE forget_rule_files is_in_file permitted_rule",
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
             "vector_actors": "VectorActors vector_actors_for",
@@ -109,6 +114,7 @@ __all__ = [
     "is_in_file",
     "network_rule",
     "own_rule",
+    "permitted_rule",
     "policy_rule",
     "read_network",
     "rule_named",

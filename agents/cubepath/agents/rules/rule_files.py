@@ -11,7 +11,7 @@ from functools import cache
 from hashlib import sha256
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import CodeType
 
 from cubepath.agents.rules.rule import RuleType
@@ -38,6 +38,27 @@ class _AsRead(SourceFileLoader):
 def is_in_file(name: str) -> bool:
     """Return whether a rule's name is of the form FILE.py:NAME."""
     return name.rpartition(":")[0].endswith(_SUFFIX)
+
+
+def permitted_rule(named: str, given: str | None) -> str:
+    """Return the name under which to load a rule that an input names.
+
+    An input can name any file, so a file runs only if you gave it: `given` is FILE.py:NAME with the
+    same last part of the path, and stands for what the input names. InputError if it does not.
+    """
+    if not is_in_file(named):
+        return named
+    if given is not None and _without_folder(given) == _without_folder(named):
+        return given
+    raise InputError(
+        f"rule {named!r} is in a file, which does not run because an input names it, expected also"
+        " --rule FILE.py:NAME"
+    )
+
+
+def _without_folder(name: str) -> tuple[str, str]:
+    file, _, own = name.rpartition(":")
+    return PurePath(file).name, own
 
 
 @cache

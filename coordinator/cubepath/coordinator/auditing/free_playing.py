@@ -12,6 +12,7 @@ from collections.abc import Callable
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.agents.rules.streams import HESITATE, RULE, stream
 from cubepath.coordinator.verification.free_transcript import turn_text
@@ -26,8 +27,9 @@ from cubepath.protocol.wire.free_messages import Turn
 class FreePlaying:
     """The rules of a recording; the `FreePlayer` of its verification."""
 
-    def __init__(self, recording: Recording) -> None:
-        """Find the rule; what cannot be asked again is told by `unchecked`."""
+    def __init__(self, recording: Recording, rule: str | None = None) -> None:
+        """Find the rule; `unchecked` names what cannot be asked again. `rule` may be in a file."""
+        self._given = rule
         self._scene = recording.scene
         self._seed = seed_in(recording.parameters)
         self._hesitate = hesitation_in(recording.parameters)
@@ -48,6 +50,7 @@ class FreePlaying:
             self._unchecked = None if recording.schedule is not None else "there is no schedule"
             return
         try:
+            name = permitted_rule(name, self._given)
             self._rule = rule_named(name, self._scene.system, "free")
         except InputError as error:
             self._unchecked = str(error)

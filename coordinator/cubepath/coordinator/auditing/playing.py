@@ -13,11 +13,12 @@ from collections.abc import Callable, Sequence
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named, rules
 from cubepath.agents.rules.rule import Choice, RuleType
+from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.auditing.assigning import Part, Parts
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.coordinator.verification.stages import Stage, stages_in
+from cubepath.coordinator.verification.stages import Stage, spans, stages_in
 from cubepath.coordinator.verification.transcript import Transcript, site_in
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -35,8 +36,10 @@ _Named = tuple[str, Site | None] | None
 class Playing:
     """The rules of a recording; the `Player` of its verification."""
 
-    def __init__(self, recording: Recording) -> None:
-        """Find the rule; what cannot be asked again is told by `unchecked`."""
+    def __init__(self, recording: Recording, rule: str | None = None) -> None:
+        """Find the rule; `unchecked` names what cannot be asked again. `rule` may be in a file."""
+        self._given = rule
+        self._foreign: dict[str, list[int]] = {}
         scene, parameters = recording.scene, recording.parameters
         self._scene = scene
         self._system = scene.system
@@ -141,6 +144,11 @@ class Playing:
             self._unchecked = "the schedule is not on record"
             return None
         try:
+            name = permitted_rule(name, self._given)
+        except InputError as error:
+            self._unchecked = str(error)
+            return None
+        try:
             return rule_named(name, self._system)
         except InputError as error:
             if _is_known(name):
@@ -151,7 +159,13 @@ class Playing:
 
     def unchecked(self) -> str | None:
         """Return in one line what was not asked again, and why; None if all was."""
-        return self._unchecked
+        foreign = [
+            f"module_{spans(modules)}, whose process names a rule of its own: {rule!r}"
+            if len(modules) == 1
+            else f"modules {spans(modules)}, whose processes name a rule of their own: {rule!r}"
+            for rule, modules in sorted(self._foreign.items())
+        ]
+        return "; ".join(filter(None, (self._unchecked, *foreign))) or None
 
     def round(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
         """Ask the rules in a round, and call `fail` for each choice that is another on record."""
@@ -159,7 +173,7 @@ class Playing:
         for module in sorted(transcript.own_rules.keys() & self._actors.keys()):
             del self._actors[module]
             rule = transcript.own_rules[module]
-            self._unchecked = f"module_{module}, whose process names a rule of its own: {rule!r}"
+            self._foreign.setdefault(rule, []).append(module)
         over = transcript.schedule_over
         if self._parts is not None and over is not None and moment.round > over:
             self._take_over(moment)

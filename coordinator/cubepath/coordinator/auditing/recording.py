@@ -13,12 +13,15 @@ from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.recording import Recording, recording_of
 
 
-def audit(recording: Recording | Source, progress: Progress | None = None) -> Verification:
+def audit(
+    recording: Recording | Source, progress: Progress | None = None, *, rule: str | None = None
+) -> Verification:
     """Verify a recording or its file, `choices` included: each module chose as its rule does.
 
     Where the rule is not installed, or the recording does not say how it chose, that check is
-    marked as not checked. Nothing is raised, unless the file cannot be read, or is changed while it
-    is read.
+    marked as not checked. A rule in a file is asked only if you give it as `rule`, FILE.py:NAME,
+    since a recording can name any file. Nothing is raised, unless the file cannot be read, or is
+    changed while it is read.
 
     >>> found = audit("logs/golden/hex-5.mcap")
     >>> found.ok, [check.checked for check in found.checks if check.name == "choices"]
@@ -28,6 +31,6 @@ def audit(recording: Recording | Source, progress: Progress | None = None) -> Ve
     return verify(
         found,
         progress,
-        player=lambda: Playing(found),
-        free_player=lambda: FreePlaying(found),
+        player=lambda: Playing(found, rule),
+        free_player=lambda: FreePlaying(found, rule),
     )

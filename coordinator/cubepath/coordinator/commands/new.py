@@ -79,7 +79,9 @@ def new_distribution(kind: str, name: str, folder: Path) -> list[str]:
 
 
 def _check_name(kind: str, name: str) -> None:
-    if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+    if keyword.iskeyword(name):
+        raise InputError(f"{name!r} is a keyword of Python, expected another name")
+    if not _NAME.fullmatch(name):
         raise InputError(
             f"{name!r}: expected an identifier of Python as a name, such as my_{kind}, of letters,"
             " digits and _ between them"

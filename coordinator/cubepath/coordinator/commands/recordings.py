@@ -65,6 +65,18 @@ def add_recording_commands(command: AddCommand) -> None:
         "verify", _verify, "check a recording, from the start state on; or a certificate or a proof"
     )
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
+    verify.add_argument(
+        "--rule",
+        metavar="FILE.py:NAME",
+        help="ask the rule in this file again where a recording names a file of that name",
+    )
+    verify.add_argument(
+        "--require",
+        action="append",
+        default=[],
+        metavar="CHECK",
+        help="exit code 1 if this check of a recording was not made, such as choices",
+    )
     add_certificate_options(verify)
     add_comparing_options(verify)
     add_proof_options(verify)
@@ -92,13 +104,23 @@ class _Told:
 
 def _verify(options: argparse.Namespace) -> int:
     if compares(options):
+        _check_alone(options)
         return compare(options)
     with opened_once(options.logs) as sources:
         if is_of_a_proof(options, sources):
+            _check_alone(options)
             return verify_proof(options, sources[0])
         if is_of_a_path(options):
+            _check_alone(options)
             return verify_certificate(options, sources[0])
         return _verify_recordings(options, sources)
+
+
+def _check_alone(options: argparse.Namespace) -> None:
+    """Refuse the options that are for recordings."""
+    if options.rule is not None or options.require:
+        option = "--require" if options.rule is None else "--rule"
+        raise InputError(f"{option}: expected recordings alone to verify")
 
 
 def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
@@ -112,7 +134,7 @@ def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -
 
     def one(path: Path, tell: _Tell) -> _Told:
         recording = read_recording(known.get(path, path))
-        return _verified(recording, audit(recording, tell))
+        return _verified(recording, audit(recording, tell, rule=options.rule), options.require)
 
     return _each(options, "verify", one)
 
@@ -140,7 +162,11 @@ def _recover(options: argparse.Namespace, source: Source) -> int:
         told = (
             _alone(remains)
             if recording is None
-            else _verified(recording, audit(recording, bar.update))
+            else _verified(
+                recording,
+                audit(recording, bar.update, rule=options.rule),
+                options.require,
+            )
         )
     try:
         saved = recover(recording or remains, options.recover)
@@ -184,7 +210,7 @@ def _alone(remains: Remains) -> _Told:
     return _Told(document, text, complaints=(f"{why}; {hint}",))
 
 
-def _verified(recording: Recording, found: Verification) -> _Told:
+def _verified(recording: Recording, found: Verification, required: Sequence[str]) -> _Told:
     width = max(len(check.name) for check in found.checks)
     lines = [
         f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
@@ -203,7 +229,21 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         cut = "messages are missing" if found.missing.messages else "the run was cut off"
         because = why_partial(recording) or cut
         lines.append(f"complete: false; {because}, and this is fine as far as it goes")
+    lines += [
+        f"choices {check.detail}"
+        for check in found.checks
+        if check.name == "choices" and check.ok and not check.checked
+    ]
     text = "\n".join(map(visible, lines))
+    made = {check.name: check.checked for check in found.checks}
+    for name in required:
+        if name not in made:
+            expected = ", ".join(made)
+            raise InputError(f"--require {name}: no such check, expected one of {expected}")
+    missing = [name for name in required if not made[name]]
+    if found.ok and missing:
+        why = (f"{recording.path}: checks required and not made: {', '.join(missing)}",)
+        return _Told(found.document(), text, FAILED, why)
     if found.ok:
         return _Told(found.document(), text)
     wrong = ", ".join(check.name for check in found.checks if not check.ok)

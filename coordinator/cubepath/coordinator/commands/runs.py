@@ -66,6 +66,11 @@ def add_run_commands(command: AddCommand) -> None:
         metavar="process_N",
         help="join as the process of this number; with --secure by the certificate of this name",
     )
+    join.add_argument(
+        "--rule",
+        metavar="FILE.py:NAME",
+        help="the file to use if the run's rule is in a file; no other file runs",
+    )
     _add_patience(join, "end if nothing is heard of the run for so long (default 60)")
 
 
@@ -329,6 +334,7 @@ def _join(options: argparse.Namespace) -> int:
         name=options.name,
         secure=options.secure,
         patience_s=options.patience,
+        rule=options.rule,
     )
     # A rule that prints would print into the answer.
     with contextlib.redirect_stdout(sys.stderr):

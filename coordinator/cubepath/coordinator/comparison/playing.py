@@ -16,6 +16,7 @@ import numpy as np
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.rule_files import is_in_file
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
 from cubepath.coordinator.verification.choices import Arrays
@@ -183,6 +184,8 @@ class Player:
             self.why = f"the recording names no {missing[0]} for it"
         elif way.schedule is not None or way.rule == SCHEDULE:
             self.why = "it follows a schedule"
+        elif is_in_file(way.rule or ""):  # a recording can name any file
+            self.why = f"rule {way.rule!r} is in a file, which a recording cannot make run"
         else:
             try:
                 return rule_named(way.rule or "", self._scene.system, clock)

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
-from cubepath.agents.rules.rule_files import forget_rule_files, is_in_file
+from cubepath.agents.rules.rule_files import forget_rule_files, permitted_rule
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.coordinator.experiments.setting import (
@@ -322,13 +322,19 @@ def _check_core(core: str, clock: str, rates: FaultRates) -> None:
 # From files and from the command line.
 
 
-def read_sweep_file(path: Path) -> Sweep:
+def read_sweep_file(path: Path, *, own_rules: bool = True) -> Sweep:
     """Read a sweep from a TOML file; InputError names the file and what is wrong in it.
 
-    Paths of systems and rules in it are relative to its folder.
+    Paths of systems in it are relative to its folder. Its rules are rules by name, since no file
+    runs because an input names it; without `own_rules` they are left out.
     """
     try:
-        return sweep_from_table(parsed_toml(read_text(path)), path.parent)
+        table = dict(parsed_toml(read_text(path)))
+        if not own_rules:
+            table.pop("rules", None)
+        for rule in _several(table["rules"]) if "rules" in table else ():
+            permitted_rule(_text("rules", rule), None)
+        return sweep_from_table(table, path.parent)
     except InputError as error:
         line = str(error)
         raise InputError(line if line.startswith(f"{path}:") else f"{path}: {line}") from None
@@ -346,7 +352,7 @@ def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
         return sweep_from_table({"systems": list(systems), **given})
     if len(systems) > 1:
         raise InputError(f"{files[0]}: holds a sweep, expected it alone")
-    found = read_sweep_file(Path(files[0]))
+    found = read_sweep_file(Path(files[0]), own_rules="rules" not in given)
     changed = sweep_from_table({"systems": list(found.systems), **given})
     return replace(found, **{key: getattr(changed, key) for key in given})
 
@@ -374,7 +380,7 @@ def is_sweep_file(path: Path) -> bool:
 def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sweep:
     """Return the sweep of a table as in a TOML file; InputError says what is wrong with it.
 
-    Paths of systems and rules are relative to the `folder`, by default the current one. The keys
+    Paths of systems are relative to the `folder`, by default the current one. The keys
     are those of `Sweep`. A value may stand where a list of them is expected; `seeds` is a number of
     seeds, a text as ``"5..9"``, or a list; `systems` and `faults` may be tables.
 
@@ -393,10 +399,7 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
             _below(folder, each) if _is_file(each) else each
             for each in map(_system_text, _several(value))
         ),
-        "rules": lambda value: tuple(
-            _below(folder, each) if is_in_file(each) else each
-            for each in (_text("rules", rule) for rule in _several(value))
-        ),
+        "rules": lambda value: tuple(_text("rules", each) for each in _several(value)),
         "clocks": lambda value: tuple(_text("clocks", each) for each in _several(value)),
         "hesitate": lambda value: tuple(_number("hesitate", each) for each in _several(value)),
         "faults": lambda value: tuple(

@@ -13,6 +13,7 @@ from pathlib import Path
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome
@@ -131,7 +132,7 @@ def _stage(
     for name in now.rules:
         others = [module for module in now.modules(name) if module not in set(named)]
         if others:
-            rules.setdefault(name, []).extend(others)
+            rules.setdefault(permitted_rule(name, rule), []).extend(others)
     unknown = set(everyone) - {module for those in rules.values() for module in those}
     if unknown:
         raise InputError(

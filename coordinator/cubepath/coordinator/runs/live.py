@@ -21,6 +21,7 @@ from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import find_rule, rule_named
+from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.continuing import parent_parameters
 from cubepath.coordinator.runs.on_record import (
     OnRecord,
@@ -227,7 +228,7 @@ def _rule_of(record: OnRecord, stage: Stage, live: tuple[int, ...], *, joined: b
         raise InputError(
             f"{record.recording.path}: its modules followed rules of their own, expected a rule"
         )
-    return names[0]
+    return permitted_rule(names[0], None)
 
 
 def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
@@ -236,7 +237,8 @@ def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
     modules = len(scene.start)
     own, told = rule_named(name, scene.system).length(modules), record.note_length
     if told == 0 and record.rounds > 1:  # all are silent, or nobody is near
-        rules = [find_rule(each) for each in record.stages[0].rules]
+        # A file that the recording names does not run, so its rule is taken for a silent one.
+        rules = [None if is_in_file(each) else find_rule(each) for each in record.stages[0].rules]
         speak = all(each is not None and each.length(modules) > 0 for each in rules)
         return own, own if speak else 0
     return own, told if record.rounds > 1 else own

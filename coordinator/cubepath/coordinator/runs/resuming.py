@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cubepath.agents.free.fleet import ON_CRASH
+from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -29,7 +30,6 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
     """
     given = {
         "system": plan.system,
-        "rule": plan.rule,
         "schedule": plan.schedule,
         "speed": plan.speeds,
     }
@@ -48,6 +48,9 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
         raise InputError(f"{logs}: not there, expected the logs of the run's keepers")
     try:
+        rule = permitted_rule(told["rule"], plan.rule)
+        if plan.rule is not None and not is_in_file(rule):
+            raise InputError("rule: the run that is resumed has its own")
         again = replace(
             plan,
             clock="free",
@@ -61,7 +64,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
             log_time="wall" if told["log_time"] == "wall" else "level",
         )
         most = int(told["max_rounds"]) if plan.max_rounds is None else plan.max_rounds
-        return again, Task(recording.scene, told["rule"], most), recording
+        return again, Task(recording.scene, rule, most), recording
     except (KeyError, ValueError, StopIteration) as error:
         raise InputError(f"{path}: its parameters are not those of a run: {error!r}") from None
 
