@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from command_line import cubepath
-from cubepath.agents.rules.registry import rule_named
+from command_line import cubepath, refused
+from cubepath.agents.rules.registry import rule_named, rules
 from cubepath.agents.rules.rule_files import rule_in_file
+from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -35,6 +36,7 @@ def make(knowledge):
 
 LAST = RuleType("last", "the last legal action", "a test", lambda system: True, make)
 NARROW = RuleType("narrow", "for nothing", "a test", lambda system: False, make)
+BROKEN = RuleType("broken", "cannot tell", "a test", lambda system: 1 / 0, make)
 OTHER = "no rule"
 """
 
@@ -58,7 +60,8 @@ def test_a_rule_is_found_in_a_file(file: Path) -> None:
     ("name", "why"),
     [
         ("own.rules.py:LASD", r"no rule 'LASD' \(did you mean 'LAST'\?\), expected a RuleType"),
-        ("own.rules.py:OTHER", "no rule 'OTHER', expected a RuleType, found LAST, NARROW"),
+        ("own.rules.py:OTHER", "no rule 'OTHER', expected a RuleType, found BROKEN, LAST, NARROW"),
+        ("own.rules.py:BROKEN", r"rule 'broken' \(.*own.rules.py\): its fits: ZeroDivisionError"),
         ("own.rules.py:NARROW", "not for this system: rule '.*NARROW', expected one of"),
         ("nowhere.py:LAST", r"nowhere\.py: no such file, expected FILE\.py:NAME"),
         ("folder.py:LAST", r"folder\.py: is a folder, expected FILE\.py:NAME"),
@@ -89,3 +92,28 @@ def test_a_run_takes_a_rule_from_a_file(file: Path, processes: str) -> None:
     assert document["moves"] > 0
     assert document["rule"] == f"./{file.name}:LAST"
     assert Path(document["log"]).name.startswith("hex-own.rules.py-LAST-0-")
+
+
+def test_a_rule_that_cannot_tell_what_it_fits_leaves_the_others_usable(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The list of rules names it in one line, and messages on other rules leave it out."""
+    broken = rule_in_file(f"{file}:BROKEN")
+    monkeypatch.setitem(rules(), "broken", broken)
+    assert main(["rules"]) == 0
+    told = capsys.readouterr()
+    assert "random: " in told.out
+    (line,) = told.err.splitlines()
+    assert f"rule 'broken' ({file}): its fits: ZeroDivisionError: division by zero" in line
+    system = scene_from_spec("hex:n=3").system
+    with pytest.raises(InputError, match=r"unknown rule 'none', expected one of random, chain$"):
+        rule_named("none", system)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["run", "sweep", "simulate --system", "check-rule"])
+def test_each_command_says_which_rule_cannot_tell_what_it_fits(file: Path, command: str) -> None:
+    """In one line, with its file."""
+    name = f"{file}:BROKEN"
+    rule = [name, "hex:n=3"] if command == "check-rule" else ["hex:n=3", "--rule", name]
+    assert f"rule 'broken' ({file}): its fits: Zero" in refused(*command.split(), *rule)

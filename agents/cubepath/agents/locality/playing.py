@@ -55,7 +55,7 @@ def played(task: Task) -> Answer:
         )
     if isinstance(task.play, Fit):
         return Answer(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
-    if not rule.fits(task.play.scene.system):
+    if not rule.is_for(task.play.scene.system):
         raise InputError(f"{task.play.scene.spec}: not for this system: rule {task.rule!r}")
     traps.home = _home_of(module, home)
     before = _globals(module)
@@ -98,7 +98,7 @@ def _fits(rule: RuleType, spec: str) -> bool:
         system = scene_from_spec(spec).system
     except InputError:  # a family may need more than its defaults
         return False
-    return system.local and rule.fits(system)
+    return system.local and rule.is_for(system)
 
 
 def _home_of(module: Any, home: set[str]) -> Callable[[str], bool]:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         find_rule,
         rule_named,
         rules,
+        rules_for,
         unknown_rule,
     )
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
@@ -65,7 +66,7 @@ else:
             "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
             "recorded": "RECORDED Recorded RecordedChoice as_recorded",
-            "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
+            "registry": "CLOCKS BUILT_IN find_rule rule_named rules rules_for unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "RULE_MODULE forget_rule_files is_in_file permitted_rule",
             "schedule": "SCHEDULE scheduled",
@@ -119,6 +120,7 @@ __all__ = [
     "read_network",
     "rule_named",
     "rules",
+    "rules_for",
     "scene_and_rule",
     "scheduled",
     "stream",

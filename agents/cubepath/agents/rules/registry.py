@@ -5,6 +5,7 @@ Room: agents.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -92,6 +93,15 @@ def _near(name: str) -> str:
     return did_you_mean(name, rules())
 
 
+def rules_for(system: System) -> list[RuleType]:
+    """Return the rules that fit a system, without those that cannot tell."""
+    found: list[RuleType] = []
+    for rule in rules().values():
+        with suppress(InputError):
+            found += [rule] if rule.is_for(system) else []
+    return found
+
+
 def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
     """Return the rule that `find_rule` finds; InputError if none, or it does not fit the system.
 
@@ -104,12 +114,10 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
         raise InputError(f"rule={name!r}: expected the name of a rule, or FILE.py:NAME")
     found = find_rule(name)
     if found is not None and clock not in found.clocks:
-        fitting = ", ".join(
-            rule.name for rule in rules().values() if clock in rule.clocks and rule.fits(system)
-        )
+        fitting = ", ".join(rule.name for rule in rules_for(system) if clock in rule.clocks)
         raise InputError(f"not for the {clock} clock: rule {name!r}, expected one of {fitting}")
-    if found is None or not found.fits(system):
-        fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
+    if found is None or not found.is_for(system):
+        fitting = ", ".join(rule.name for rule in rules_for(system))
         what = "unknown rule" if found is None else "not for this system: rule"
         near = _near(name) if found is None else ""
         raise InputError(f"{what} {name!r}{near}, expected one of {fitting}")

@@ -131,6 +131,16 @@ class RuleType:
         """Return the clocks under which the rule holds."""
         return ("lockstep",) if self.free is None else ("lockstep", "free")
 
+    def is_for(self, system: System) -> bool:
+        """Return whether the rule fits the system; InputError names a rule that cannot tell."""
+        try:
+            return bool(self.fits(system))
+        except Exception as error:
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            code = getattr(self.fits, "__code__", None)
+            file = "" if code is None else f" ({code.co_filename})"
+            raise InputError(f"rule {self.name!r}{file}: its fits: {why}") from error
+
     def made(self, knowledge: InitialKnowledge, clock: str = "lockstep") -> Rule:
         """Return the rule of one module under a clock that it holds for; InputError if none."""
         own = None if clock == "lockstep" or self.free is None else self.free.make

@@ -41,7 +41,7 @@ def vector_actors_for(
     scene. InputError if it does not fit the scene, RuleError if it fails, as for `actors_for`.
     """
     scene, rule = scene_and_rule(system, rule)
-    if rule.vectorised is None or not rule.fits(scene.system):
+    if rule.vectorised is None or not rule.is_for(scene.system):
         return None
     modules = len(scene.start)
     knowledge = VectorKnowledge(

@@ -245,7 +245,11 @@ def _rules(options: argparse.Namespace) -> int:
     document: list[dict[str, object]] = []
     lines: list[str] = []
     for rule in rules().values():
-        fitting = [name for name, system in systems.items() if rule.fits(system)]
+        try:
+            fitting = [name for name, system in systems.items() if rule.is_for(system)]
+        except InputError as error:
+            complain(str(error))
+            continue
         free = None if rule.free is None else rule.free.why
         document.append(
             {

@@ -14,7 +14,7 @@ from random import Random
 from typing import Literal
 
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.agents.rules.registry import rule_named, rules, rules_for
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
@@ -214,8 +214,8 @@ def fitting(scene: Scene, clock: str = "lockstep") -> list[str]:
     """
     return [
         rule.name
-        for rule in rules().values()
-        if clock in rule.clocks and rule.fits(scene.system) and _begins(rule, scene, clock)
+        for rule in rules_for(scene.system)
+        if clock in rule.clocks and _begins(rule, scene, clock)
     ]
 
 
