@@ -12,10 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from cubepath.agents.processes.join_messages import alive_key
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.sessions import open_client
 from elsewhere import Commands, Running, soon
 
 pytestmark = pytest.mark.slow
@@ -259,6 +262,39 @@ def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     assert runs.end()[0] == 130
     assert joined.end()[0] == 0
     assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
+def test_a_run_that_listens_without_waiting_says_so_and_is_found(commands: Commands) -> None:
+    """It shows its coordinator's token, and refuses those that would join in one line."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}")
+    endpoint = listens(runs)
+    runs.says("others can listen, but not join: expected --wait-for N")
+    code, answer, errors = joins(commands, endpoint, "0-2").end()
+    line = "the run waits for no processes, expected one that has --wait-for N"
+    assert (code, answer, errors[-1]) == (2, "", f"cubepath: {line}")
+    with open_client(endpoint) as session:
+        key = alive_key("*", COORDINATOR)
+        assert [each.ok is not None for each in session.liveliness().get(key)] == [True]
+    goes_on(commands.folder)
+    runs.signal(signal.SIGINT)
+    assert runs.end()[0] == 130
+
+
+def test_a_run_waits_for_others_no_longer_than_its_patience(commands: Commands) -> None:
+    """One line says what was missing; exit code 1."""
+    runs = commands.start("run", *SYSTEM, f"--listen={LOOPBACK}", "--wait-for=2", "--patience=1.5")
+    code, _, errors = runs.end()
+    line = "no process joined within 1.5 s, expected 2 processes: modules 0-5"
+    assert (code, errors[-1]) == (1, f"cubepath: {line}")
+    assert "cubepath: waiting for 2 processes: modules 0-5" in errors
+
+
+def test_a_process_that_finds_no_router_says_so_soon(commands: Commands) -> None:
+    """And tries on, as the router may come later."""
+    joined = joins(commands, "tcp/127.0.0.1:9", "0")
+    joined.says("no zenoh router at tcp/127.0.0.1:9: nobody answers; trying for 58 s more")
+    joined.signal(signal.SIGINT)
+    assert joined.end()[0] == 130
 
 
 @pytest.mark.thorough

@@ -111,6 +111,7 @@ class Fleet:
         self._way = way
         self._opened = opened
         self._joined = False
+        self._looked = time.monotonic()
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
         self._deal([])
@@ -155,7 +156,7 @@ class Fleet:
         if self._opened is not None:
             self._opened()
         joined = self._network.wait_for
-        if joined:
+        if self._network != _PRIVATE:
             self._deal(self._recruit(joined))
         credentials = self.credentials()
         shell = Shell(self._pacer, self.endpoint, self._keep, credentials=credentials)
@@ -193,6 +194,10 @@ class Fleet:
         where = self.endpoint if self._router is None else self._router.listening
         if network.is_open:
             self._say(without_tls(where))
+        if network.listen is not None and not network.wait_for:
+            self._say(
+                "others can listen, but not join: expected --wait-for N to wait for N processes"
+            )
         self._say(f"endpoint {where}, run {self.run}")
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
@@ -203,7 +208,7 @@ class Fleet:
         return Credentials(name, "", "" if folder is None else str(folder))
 
     def _recruit(self, expected: int) -> list[list[int]]:
-        """Wait for the processes from elsewhere; return the modules of each."""
+        """Show that the run is there, and wait for remote processes; return the modules of each."""
         recruits = self._recruits = Recruits(
             self.endpoint,
             self.run,
@@ -218,7 +223,7 @@ class Fleet:
                 self._check()
             self._look_after_the_router()
 
-        return recruits.gather(check, self._say or (lambda _: None))
+        return recruits.gather(check, self._say or (lambda _: None), self._patience_s)
 
     def _orders(self, process: int, scene: str, endpoint: str) -> Orders:
         """Return the orders of a process; one elsewhere has an endpoint of its own."""
@@ -339,7 +344,6 @@ class Fleet:
         shell = self._shell
         if shell is None:
             raise CubepathError("the fleet has ended: start another")
-        looked = time.monotonic()
         while not self._pacer.idle:
             if self._check is not None:
                 self._check()
@@ -351,9 +355,10 @@ class Fleet:
                         f"no zenoh router at {self.endpoint} any more: {error}"
                     ) from None
                 raise
-            # Also while somebody talks: a message is no sign that all are alive.
-            if not came or time.monotonic() - looked > _LOOK_S:
-                looked = time.monotonic()
+            # Also while somebody talks, however short the phases: a message is no sign that all
+            # are alive, and others may ask to join.
+            if not came or time.monotonic() - self._looked > _LOOK_S:
+                self._looked = time.monotonic()
                 self._look_for_the_dead()
 
     def _look_for_the_dead(self) -> None:

@@ -31,7 +31,7 @@ from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.processes.roster import ASK_S
 from cubepath.agents.rules.rule_files import permitted_rule
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.router import check_secure
@@ -87,9 +87,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
     joining.check()
     check_descriptors()
     deadline = time.monotonic() + joining.patience_s
-    with open_client(
-        joining.connect, joining.patience_s, credentials=joining.credentials
-    ) as session:
+    with _connected(joining, say) as session:
         run = _run_that_waits(session, joining, deadline)
         coordinator = alive_key(run, COORDINATOR)
         liveness = Liveness(session, coordinator, coordinator)
@@ -111,6 +109,19 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
     return orders
 
 
+def _connected(joining: Joining, say: Callable[[str], None]) -> zenoh.Session:
+    """Open a session; the router may come later, but that it is missing is reported soon."""
+    soon_s = min(ASK_S, joining.patience_s)
+    try:
+        return open_client(joining.connect, soon_s, credentials=joining.credentials)
+    except CubepathError as error:
+        left_s = joining.patience_s - soon_s
+        if isinstance(error, InputError) or left_s <= 0.0:
+            raise
+        say(f"{error}; trying for {left_s:g} s more")
+        return open_client(joining.connect, left_s, credentials=joining.credentials)
+
+
 def _run_that_waits(session: zenoh.Session, joining: Joining, deadline: float) -> str:
     """Return the run that is to be joined, once it is there."""
     while True:
@@ -121,7 +132,7 @@ def _run_that_waits(session: zenoh.Session, joining: Joining, deadline: float) -
             return runs[0]
         if runs:
             raise InputError(
-                f"{len(runs)} runs wait at {joining.connect}: expected --run, one of"
+                f"{len(runs)} runs are at {joining.connect}: expected --run, one of"
                 f" {', '.join(runs)}"
             )
         if time.monotonic() >= deadline:

@@ -24,8 +24,8 @@ from cubepath.agents.processes.join_messages import (
 from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.roster import Roster, spans
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import open_client
 
 _CONNECT_S_MAX = 10.0
@@ -42,7 +42,7 @@ class Recruits:
     def __init__(
         self, endpoint: str, run: str, modules: int, expected: int, credentials: Credentials
     ) -> None:
-        """Open a session as the coordinator, and let everyone know that the run waits."""
+        """Open a session as the coordinator, and let everyone know that the run is there."""
         self._run = run
         self._roster = Roster(modules, expected)
         self._queue: SimpleQueue[zenoh.Query] = SimpleQueue()
@@ -65,23 +65,32 @@ class Recruits:
         self._waiting.clear()
         self._session.close()
 
-    def gather(self, check: Callable[[], None], say: Callable[[str], None]) -> list[list[int]]:
+    def gather(
+        self, check: Callable[[], None], say: Callable[[str], None], patience_s: float
+    ) -> list[list[int]]:
         """Wait until all are there, and return the modules of each by its number.
 
-        `check` may raise to end the waiting. Who is waited for is told to `say` after a second, and
-        whenever that has changed.
+        `check` may raise to end the waiting. `say` reports what is missing after a second, and
+        whenever that has changed. CheckError if no process joins for `patience_s`.
         """
-        due, said = time.monotonic() + _SAY_S, -1
+        began = changed = time.monotonic()
+        said, before = -1, self._roster.missing
         while not self._roster.complete:
             check()
             self.look(_POLL_S)
-            self._roster.forget(time.monotonic())
+            now = time.monotonic()
+            self._roster.forget(now)
             missing = self._roster.missing
-            if missing not in (0, said) and time.monotonic() >= due:
+            if missing < before:
+                changed = now
+            before = missing
+            what = f"{missing} process{'es' if missing > 1 else ''}"
+            what += f": modules {spans(self._roster.free) or 'none'}"
+            if missing and now - changed >= patience_s:
+                raise CheckError(f"no process joined within {patience_s:g} s, expected {what}")
+            if missing not in (0, said) and now - began >= _SAY_S:
                 said = missing
-                free = spans(self._roster.free)
-                what = f"{missing} process{'es' if missing > 1 else ''}"
-                say(f"waiting for {what}: modules {free or 'none'}")
+                say(f"waiting for {what}")
         return self._roster.number()
 
     def send(self, orders: Mapping[int, Orders]) -> None:
@@ -135,8 +144,10 @@ class Recruits:
             query.reply(orders_key(self._run, who), self._offers[number])
 
     def gone(self) -> list[int]:
-        """Return the processes that were alive and are so no more."""
-        return sorted(_number(each.rpartition("/")[2]) for each in self._liveness.gone())
+        """Return the processes that joined, were alive, and are no longer."""
+        gone = set(self._liveness.gone())
+        names = {process: alive_key(self._run, process_name(process)) for process in self._offers}
+        return sorted(process for process, key in names.items() if key in gone)
 
 
 def _number(name: str) -> int:

@@ -56,6 +56,8 @@ class Roster:
         if known is not None:
             known.heard_s = now_s
             return None
+        if not self._expected:
+            return "the run waits for no processes, expected one that has --wait-for N"
         if self._numbers is not None:
             return "the run has begun"
         reason = self._refused(modules, name)

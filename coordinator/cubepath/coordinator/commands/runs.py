@@ -125,7 +125,8 @@ def _add_run(command: AddCommand) -> None:
     run.add_argument(
         "--listen",
         metavar="ENDPOINT",
-        help="let others join at tcp/HOST:PORT or tls/HOST:PORT (default: nobody else can)",
+        help="let others listen at tcp/HOST:PORT or tls/HOST:PORT, and join with"
+        " --wait-for (default: nobody else can)",
     )
     run.add_argument(
         "--connect", metavar="ENDPOINT", help="use the router that listens there, and start none"
@@ -137,7 +138,8 @@ def _add_run(command: AddCommand) -> None:
         type=whole(0),
         default=0,
         metavar="N",
-        help="wait until N processes have joined from elsewhere; --processes have what they leave",
+        help="wait until N processes have joined from elsewhere, each within --patience"
+        " of the last; --processes have what they leave",
     )
 
 

@@ -18,7 +18,7 @@ from typing import Any, Self, TypeAlias
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.processes.network import Way, straight
+from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.coordinator.runs.about import About
 from cubepath.coordinator.runs.asking import Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
@@ -239,7 +239,7 @@ class Running(Standing):
         own = min(plan.processes, len(self.scene.start))
         keepers = plan.keepers if plan.is_free else 0
         # Who waits for others has a session more, for that.
-        check_descriptors(own + keepers + bool(plan.wait_for), files=1 + more)
+        check_descriptors(own + keepers + (plan.network != Network()), files=1 + more)
 
     @property
     def rule(self) -> str:
