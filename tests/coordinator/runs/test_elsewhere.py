@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.processes.join_messages import alive_key
+from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
@@ -96,6 +97,9 @@ def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, dige
     assert (code, json.loads(answer)["path_digest"]) == (0, digest)
     assert json.loads(answer)["processes"] == 1
     assert joined.end()[0] == 0
+    contents = info(read_recording(commands.folder / json.loads(answer)["log"]))
+    assert contents["processes"] == 1
+    assert re.search(r"modules +6 in 1 processes", render(contents))
 
 
 @pytest.mark.thorough

@@ -22,7 +22,15 @@ from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, recording_of
-from cubepath.protocol.wire.messages import Certified, Edges, Message, Refused, Summary, decode
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Edges,
+    Message,
+    Ready,
+    Refused,
+    Summary,
+    decode,
+)
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
 _NUMBERS = ("reduced_moves", "cubes", "max_cube_dimension", "goal_reached", "path_digest")
@@ -79,6 +87,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "format": recording.format,
         "clock": recording.clock,
         **{key: _described(parameters, key) for key in _DESCRIBED},
+        "processes": _processes(recording),
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
         "parameters": {key: value for key, value in parameters.items() if key not in known},
@@ -101,6 +110,18 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "seconds": 0.0 if first is None or last is None else round((last - first) / 1e9, 3),
         "problems": list(recording.problems),
     }
+
+
+def _processes(recording: Recording) -> object:
+    """Return the number of processes; in a run that waits for some, of those that joined it."""
+    if "wait_for" not in recording.parameters:
+        return _described(recording.parameters, "processes")
+    joined: set[int] = set()
+    for message in _decoded(recording, "ready"):
+        if not isinstance(message, Ready) or message.phase != "join":
+            break
+        joined.add(message.process)
+    return len(joined) or None
 
 
 def _described(parameters: Mapping[str, str], key: str) -> object:
@@ -205,6 +226,12 @@ def _known(count: int | None) -> object:
     return "unknown" if count is None else count
 
 
+def _modules(document: Mapping[str, Any]) -> str:
+    processes = document["processes"]
+    where = "" if processes is None else f" in {processes or 'no other'} processes"
+    return f"{document['modules']}{where}"
+
+
 def render(document: Mapping[str, Any]) -> str:
     """Return the result of `info` as a readable table, with control characters shown."""
     rows: list[tuple[str, object]] = [
@@ -212,7 +239,7 @@ def render(document: Mapping[str, Any]) -> str:
         ("format", document["format"]),
         ("system", document["system"]),
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
-        ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
+        ("modules", _modules(document)),
         *([("keepers", document["keepers"])] if document["clock"] == "free" else []),
         ("ended", _ended(document)),
         ("complete", "yes" if document["complete"] else "no"),
