@@ -72,7 +72,7 @@ def test_the_answer_in_words(tmp_path: Path) -> None:
     runs = [cubepath("simulate", "--seeds", "3", "--out", tmp_path) for _ in range(2)]
     lines = [run.stdout.splitlines()[:9] for run in runs]
     assert lines[0] == lines[1]
-    assert lines[0][:2] == ["seeds         1", "failures      0"]
+    assert lines[0][:2] == ["seeds                       1", "failures                    0"]
 
 
 def test_a_failing_seed_is_told_and_kept(tmp_path: Path, fickle: dict[str, str]) -> None:

@@ -205,6 +205,7 @@ def test_blocks_stand_once_and_in_their_order(written: bytes, tmp_path: Path) ->
         ("ladders", b'[[0,0,"up",[1,2]]]', "up"),
         ("groups", b'[["at most one",[-1]]]', ">= 0"),
         ("log", b"a" * (LOG_BYTES + 1), "bytes at most"),
+        ("groups", bytes((1 << 27) + 1), "134217729 bytes, expected 134217728 bytes at most"),
         ("schedule", b"[[99999999999]]", "expected"),
     ],
 )

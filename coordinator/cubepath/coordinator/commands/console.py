@@ -21,7 +21,7 @@ from types import FrameType
 from typing import Any, Self, TextIO, cast
 
 from cubepath.protocol.core.control_characters import visible
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.errors import CheckError, bounded
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -130,7 +130,7 @@ def silence(stream: TextIO) -> None:
 
 def complain(what: object) -> None:
     """Write one line to standard error, with control characters shown."""
-    _note(f"cubepath: {visible(str(what))}")
+    _note(f"cubepath: {visible(bounded(str(what)))}")
 
 
 def _note(text: str) -> None:

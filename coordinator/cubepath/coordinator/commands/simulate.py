@@ -144,7 +144,7 @@ def _table(tally: Tally, seconds: float) -> str:
         rows += [("enough moves", outcomes["moves"]), ("blocked", outcomes["blocked"])]
     else:
         rows += [
-            ("all rounds", outcomes["max-rounds"]),
+            ("stopped at the round limit", outcomes["max-rounds"]),
             ("rule gave up", outcomes["gave-up"]),
             ("by a fault", sum(outcomes[kind] for kind in ("crash", "return", "stall", "lie"))),
         ]

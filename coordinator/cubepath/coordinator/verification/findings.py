@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cubepath.coordinator.verification.transcript import Fail
+from cubepath.protocol.core.errors import bounded
 
 Progress = Callable[[int], object]
 """Called now and then with the number of rounds, or levels, checked since the last call."""
@@ -82,7 +83,7 @@ class Failures:
         def fail(check: str, detail: str) -> None:
             known = self._first.get(check)
             if known is None or number < known[0]:
-                self._first[check] = number, detail
+                self._first[check] = number, bounded(detail)
             self._count[check] += 1
 
         return fail

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         ExcludedError,
         InputError,
         RuleError,
+        bounded,
     )
     from cubepath.protocol.core.given import function, real_number, seconds, whole_number
     from cubepath.protocol.core.input_files import (
@@ -112,7 +113,7 @@ else:
             ),
             "control_characters": "visible",
             "plurals": "counted",
-            "errors": "CheckError CubepathError ExcludedError InputError RuleError",
+            "errors": "CheckError CubepathError ExcludedError InputError RuleError bounded",
             "given": "function real_number seconds whole_number",
             "input_files": (
                 "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source check_not_empty opened read_text"
@@ -187,6 +188,7 @@ __all__ = [
     "appended_file",
     "apply",
     "apply_in_place",
+    "bounded",
     "check_keys",
     "check_not_empty",
     "check_output",

@@ -1,5 +1,23 @@
 """Errors: one small family; each message says what was found, where, and what was expected."""
 
+from __future__ import annotations
+
+_MESSAGE_MAX = 2000
+_BEGIN, _END = 1400, 500
+"""Characters of a longer message that are kept: its end says what was expected."""
+
+
+def bounded(message: str) -> str:
+    """Return a message without its middle if it quotes more of an input than anybody reads.
+
+    >>> bounded("generator 'slide': found 7"), len(bounded("x" * 50_000_000))
+    ("generator 'slide': found 7", 1927)
+    """
+    if len(message) <= _MESSAGE_MAX:
+        return message
+    left_out = len(message) - _BEGIN - _END
+    return f"{message[:_BEGIN]}...({left_out} characters)...{message[-_END:]}"
+
 
 class CubepathError(Exception):
     """Base of all errors raised on purpose; the message is one line for the user.
@@ -10,6 +28,10 @@ class CubepathError(Exception):
     ...     print(type(error).__name__, error)
     InputError n=none: expected a whole number of at least 1, at most 100000
     """
+
+    def __init__(self, message: str = "") -> None:
+        """Take the message; the middle of a very long one is left out."""
+        super().__init__(bounded(message))
 
 
 class InputError(CubepathError):

@@ -27,8 +27,10 @@ from cubepath.protocol.core.sites import Site, sites_from_json
 
 LOG_BYTES = 1 << 20
 """The greatest size of a block of the log before compression."""
-_BLOCK_BYTES = 1 << 30
-"""The greatest size of any other block, so that a false length takes no more memory than this."""
+_BLOCK_BYTES = 1 << 27
+"""The greatest size of any other block, compressed or not: ten million variables take no more.
+
+So a false length, or a block that unpacks to more than it seems, takes no more memory than this."""
 _HEAD = re.compile(rb"([a-z]+) (0|[1-9][0-9]{0,9}) ([0-9a-f]{8})\n", re.ASCII)
 _END = re.compile(rb"end (0|[1-9][0-9]{0,9}) ([0-9a-f]{64})\n", re.ASCII)
 _HEAD_BYTES = 100
@@ -68,6 +70,11 @@ class BlockWriter:
 
     def block(self, name: str, content: bytes) -> None:
         """Write a block."""
+        if len(content) > _BLOCK_BYTES:
+            raise CheckError(
+                f"the proof is too large: block {name}: {len(content)} bytes, expected"
+                f" {_BLOCK_BYTES} at most"
+            )
         payload = self._compressor.compress(content)
         head = f"{name} {len(payload)} ".encode()
         crc = zlib.crc32(payload, zlib.crc32(head))
@@ -208,12 +215,10 @@ class BlockReader:
             if not 0 <= size <= most:
                 told = "of unknown length" if size < 0 else f"{size} bytes"
                 raise self.error(f"what it holds is {told}, expected {most} bytes at most")
-            decompressor = zstandard.ZstdDecompressor().decompressobj()
-            found: bytes = decompressor.decompress(payload)
+            # Into the size that it claims: what holds more is refused before it is unpacked.
+            found: bytes = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
         except zstandard.ZstdError as error:
             raise self.error(f"it does not decompress: {error}") from None
-        if len(found) != size or decompressor.unused_data:
-            raise self.error("it is not one compressed frame")
         return found
 
     def end(self) -> None:
