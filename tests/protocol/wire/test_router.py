@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import threading
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.wire import sessions
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
@@ -100,6 +103,49 @@ def test_a_router_that_died_is_started_again_where_it_was(
         assert (router.endpoint, router.restarts, router.pid == pid) == (endpoint, 1, False)
         with open_client(endpoint, 30, credentials=router.credentials(COORDINATOR)):
             pass
+
+
+@contextlib.contextmanager
+def standing_still(router: Router, seconds: float = 3600.0) -> Generator[None]:
+    """Stop a router for so long, or until the block ends."""
+    os.kill(router.pid, signal.SIGSTOP)
+    again = threading.Timer(seconds, os.kill, (router.pid, signal.SIGCONT))
+    again.start()
+    try:
+        yield
+    finally:
+        again.cancel()
+        os.kill(router.pid, signal.SIGCONT)
+
+
+def test_a_router_that_stands_still_is_waited_for(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Longer than one that is not there."""
+    monkeypatch.setattr(sessions, "_OPEN_S", 0.5)
+    monkeypatch.setattr(sessions, "_GONE_S_MAX", 0.5)
+    with Router() as router, standing_still(router, 1.5), open_client(router.endpoint, None):
+        pass
+
+
+@pytest.mark.thorough
+def test_a_router_may_stand_still_for_longer_than_an_attempt_takes(place: Path) -> None:
+    """Processes that start meanwhile find it when it goes on."""
+    with Router() as router, standing_still(router, 16.0), open_client(router.endpoint, None):
+        pass
+
+
+def test_nothing_is_said_of_passwords_where_a_router_stands_still(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only that it did not answer, and for how long."""
+    monkeypatch.setattr(sessions, "_OPEN_S", 0.5)
+    with (
+        Router() as router,
+        standing_still(router),
+        pytest.raises(CubepathError, match=r"nobody answers within 0\.5 s$"),
+    ):
+        open_client(router.endpoint)
 
 
 def test_a_router_whose_starter_was_killed_removes_its_folder(place: Path) -> None:

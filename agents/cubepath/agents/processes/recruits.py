@@ -28,7 +28,6 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import open_client
 
-_CONNECT_S_MAX = 10.0
 _POLL_S = 0.05
 _SAY_S = 1.0
 QUESTIONS_MAX, LOOK_MAX = 1024, 64
@@ -50,7 +49,7 @@ class Recruits:
         """How many questions came while too many waited."""
         self._waiting: dict[str, zenoh.Query] = {}
         self._offers: Mapping[int, bytes] = {}
-        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        self._session = open_client(endpoint, None, credentials=credentials)
         self._liveness = Liveness(self._session, alive_key(run))
         self._queryable = self._session.declare_queryable(
             orders_key(run), zenoh.handlers.Callback(self._enqueue, indirect=False)

@@ -26,7 +26,6 @@ from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.sessions import open_client
 
-_CONNECT_S_MAX = 10.0
 _FROM = re.compile(r"from=([0-9]{1,15})")
 
 
@@ -86,7 +85,7 @@ class Answers:
         self._about = about
         self._status = status
         self._release = release
-        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        self._session = open_client(endpoint, None, credentials=credentials)
         try:
             self._queryable = self._session.declare_queryable(
                 state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)

@@ -32,7 +32,6 @@ from cubepath.protocol.wire.sockets import (
 
 ALL = "**"
 _ASK_S_MAX = 60.0
-_CONNECT_S_MAX = 10.0
 _ON_LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -78,7 +77,7 @@ class Link:
             with new_file(words, 0o600) as file:
                 file.write("".join(f"{name}:{word}\n" for name, word in named.items()).encode())
             guard["transport/auth/usrpwd/dictionary_file"] = str(words)
-        near = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        near = open_client(endpoint, None, credentials=credentials)
         self._resources.callback(near.close)
         far, self.endpoint = open_router(where, guard, MESSAGE_BYTES_MAX)
         self._resources.callback(far.close)

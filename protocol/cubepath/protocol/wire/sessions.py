@@ -34,6 +34,10 @@ _FOR_SESSIONS = 24
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _AGAIN_S = 0.1
+_OPEN_S = 10.0
+"""After this time an attempt to connect is over."""
+_GONE_S_MAX, _STILL_S_MAX = 10.0, 60.0
+"""How long a part of a run tries to reach its router: one that is not there, or stands still."""
 _PLACE = r"(?:\[[0-9a-fA-F:]+\]|[^/\s:\[\]#?;]+):[0-9]{1,5}"
 _ENDPOINT = re.compile(rf"(?:tcp|tls)/{_PLACE}", re.ASCII)
 _FROM = re.compile(rf"#bind={_PLACE}", re.ASCII)
@@ -51,6 +55,7 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
         "adminspace/enabled": True,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
+        "transport/unicast/open_timeout": round(1000 * _OPEN_S),
         _BLOCKED: _STALL_US_MAX,
     }
     for key, value in (base | settings).items():
@@ -138,11 +143,12 @@ def reachable(endpoint: str) -> str:
 
 
 def open_client(
-    endpoint: str, patience_s: float = 0.0, *, credentials: Credentials = GUEST
+    endpoint: str, patience_s: float | None = 0.0, *, credentials: Credentials = GUEST
 ) -> zenoh.Session:
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
-    It is tried for so many seconds: a router that has died may be on its way back. With no
+    It is tried for so many seconds: a router that has died may be on its way back. None is as long
+    as the parts of a run try: 10 s, and a minute if the router is there and stands still. With no
     `credentials` of its own the session may listen at a private router, and say nothing. InputError
     if the endpoint takes a certificate and there is none.
     """
@@ -151,14 +157,23 @@ def open_client(
         "connect/endpoints": [endpoint],
         **settings_for(endpoint, credentials),
     }
-    deadline = time.monotonic() + patience_s
+    began = time.monotonic()
     while True:
+        tried = time.monotonic()
         try:
             return zenoh.open(_config("client", **settings))
         except zenoh.ZError:
-            if time.monotonic() >= deadline:
+            now = time.monotonic()
+            # Whoever is not there, or turns the session away, makes an attempt fail at once.
+            silent = now - tried >= _OPEN_S
+            most = patience_s
+            if most is None:
+                most = _STILL_S_MAX if silent else _GONE_S_MAX
+            if now - began >= most:
                 why = "nobody answers"
-                if not endpoint.startswith("tcp/"):
+                if silent:
+                    why += f" within {_OPEN_S:g} s"
+                elif not endpoint.startswith("tcp/"):
                     what = "certificate" if endpoint.startswith(TLS) else "password"
                     why += f", or {credentials.name} and its {what} are not known there"
                 raise CubepathError(f"no zenoh router at {endpoint}: {why}") from None

@@ -19,7 +19,6 @@ from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
 
-_CONNECT_S_MAX = 10.0
 _QUEUE_MAX, _QUEUE_BYTES_MAX = 1 << 16, 1 << 28
 """So many messages and bytes wait for a node at most: a flood takes no more memory, and what is
 dropped of what the node waits for is asked for again."""
@@ -55,7 +54,7 @@ class Shell:
         self._before_tick: int | None = None
         self._received: tuple[bytes, int] = b"", 0
         self.ended = False
-        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        self._session = open_client(endpoint, None, credentials=credentials)
 
     def __enter__(self) -> Self:
         """Return the shell."""
