@@ -22,6 +22,7 @@ from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import distances, write_report
 from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
 from cubepath.coordinator.experiments.spec import expand, sweep_of
+from cubepath.coordinator.experiments.statistics import Interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
     best_by_system,
@@ -30,6 +31,7 @@ from cubepath.coordinator.experiments.tables import (
     pairs_table,
     runs_table,
     short_rules,
+    shown,
 )
 from cubepath.protocol.core.errors import InputError
 
@@ -55,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("sweep")
     (made / "slow.py").write_text(SLOW_RULE)
     rules = ["chain", "random", f"{made}/slow.py:SLOW"]
-    sweep("hex:n=3..5", rules=rules, seeds=6, max_rounds=60, out=made / "out")
+    sweep("hex:n=3..6", rules=rules, seeds=6, max_rounds=60, out=made / "out")
     return made / "out"
 
 
@@ -128,10 +130,10 @@ def test_runs_on_other_numbers_of_processes_are_others(folder: Path) -> None:
     assert "processes" not in growth_table([*rows, *small]).columns
     two = [row | {"core": "simulated", "processes": 2, "keepers": 1} for row in rows]
     told = runs_table([*small, *two]).document()
-    assert [(row["runs"], "keepers" in row) for row in told] == [(6, True)] * 12
+    assert [(row["runs"], "keepers" in row) for row in told] == [(6, True)] * 16
     assert {row["processes"] for row in told} == {2, 3, 4}
     pairs = pairs_table([*small, *two]).document()
-    assert [row["pairs"] for row in pairs] == [6] * 6
+    assert [row["pairs"] for row in pairs] == [6] * 8
 
 
 def test_a_run_in_two_versions_is_in_no_pair(folder: Path) -> None:
@@ -149,9 +151,26 @@ def test_a_run_in_two_versions_is_in_no_pair(folder: Path) -> None:
 def test_growth_is_that_of_the_means(folder: Path) -> None:
     """Of `chain`, whose moves are known: n (n - 1) / 2 and more, so the exponent is near 2."""
     found = [r for r in growth_table(read_sweep(folder).rows).document() if r["rule"] == "chain"]
-    assert {(row["family"], row["sizes"], row["modules"]) for row in found} == {("hex", 3, "3..5")}
+    assert {(row["family"], row["sizes"], row["modules"]) for row in found} == {("hex", 4, "3..6")}
     (moves,) = [row for row in found if row["measure"] == "moves"]
     assert moves["exponent"]["low"] < 2 < moves["exponent"]["high"] < 2.5
+
+
+def test_growth_of_three_sizes_is_not_fitted(folder: Path) -> None:
+    """A line through three points says little."""
+    rows = [row for row in read_sweep(folder).rows if row["system"] != "hex:n=6"]
+    assert growth_table(rows).rows == ()
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(343.2, "343"), (999.7, "1000"), (1003.0, "1003"), (1e6, "1000000"), (1.25, "1.25")],
+)
+def test_numbers_up_to_a_million_are_plain(number: float, text: str) -> None:
+    """Without powers of ten, as a value and as the ends of an interval."""
+    assert shown(number) == text
+    assert shown(Interval(number, number, number)) == text
+    assert shown(Interval(number, 1.0, number)) == f"{text} [1, {text}]"
 
 
 def test_distances_are_those_of_the_rounds(folder: Path, tmp_path: Path) -> None:
@@ -300,12 +319,15 @@ def test_the_command_tells_the_tables(folder: Path, capsys: pytest.CaptureFixtur
     """As text, and as one JSON document."""
     assert main(["report", str(folder), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["runs"] == 54
-    assert len(document["tables"]["Rules in pairs"]) == 9
+    assert document["runs"] == 72
+    assert len(document["tables"]["Rules in pairs"]) == 12
     assert document["files"][0] == str(folder / "report" / "report.html")
     assert main(["report", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "Rules in pairs:" in out
+    legend = " ".join(out.split())
+    for name in ("class is cubes over", "rule factor is these over", "p of goals is that of"):
+        assert name in legend
     assert f"written to {folder}/report/report.html" in out
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, answer
@@ -17,6 +18,9 @@ from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.tables import Table
+
+_WIDE = 100
+"""The letters in a line of a table's note."""
 
 
 def add_report_command(command: AddCommand) -> None:
@@ -44,7 +48,7 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _lines(table: Table) -> list[str]:
-    """Return a table in columns; none without rows."""
+    """Return a table in columns, and what these are; nothing without rows."""
     if not table.rows:
         return []
     # What is empty throughout tells nothing.
@@ -52,4 +56,4 @@ def _lines(table: Table) -> list[str]:
     kept = [n for n in range(len(table.columns)) if any(row[n] for row in texts[1:])]
     widths = {n: max(len(row[n]) for row in texts) for n in kept}
     rows = ["  ".join(f"{row[n]:<{widths[n]}}" for n in kept).rstrip() for row in texts]
-    return [f"{table.title}:", *rows, ""]
+    return [f"{table.title}:", *rows, *wrap(table.note, _WIDE), ""]

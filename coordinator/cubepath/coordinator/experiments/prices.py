@@ -78,10 +78,11 @@ def price_table(rows: Sequence[Row]) -> Table:
     return Table(
         "Price",
         "What runs with rounds that reached their goal paid: rounds over the best known (that of"
-        " all runs here included) is timing x class x rule. Timing is rounds over cubes, class is"
-        " cubes over the fewest that the rule took in any run here, rule is these over the best"
-        " known. All are geometric means, so that they multiply here too, with the 95% interval"
-        " of 2,000 seeded bootstrap resamples. No schedule has fewer cubes than the bound.",
+        " all runs here included) is timing x class x rule factor. Timing is rounds over cubes,"
+        " class is cubes over the fewest that the rule took in any run here, rule factor is these"
+        " over the best known. All are geometric means, so that they multiply here too, with the"
+        " 95% interval of 2,000 seeded bootstrap resamples. No schedule has fewer cubes than the"
+        " bound.",
         (*keys, "modules", "runs", "bound", "best", *FACTORS, "price"),
         tuple(found),
     )

@@ -17,6 +17,8 @@ LEVEL = 0.95
 RESAMPLES = 2000
 WILCOXON_MAX = 200
 """With more differences that are not 0 the sign test is made, whose distribution is a binomial."""
+SIZES_MIN = 4
+"""A power law is fitted to means of this many sizes or more."""
 _SEED = 20_260_000
 _STEPS = 80
 _BLOCK = 1 << 20
@@ -169,14 +171,14 @@ def paired_test(differences: Sequence[float]) -> Test:
 def power_law(sizes: Sequence[float], means: Sequence[float]) -> Fit | None:
     """Return the least-squares line through the logarithms, a point for each size.
 
-    The interval of the exponent is Student's, from how far the points lie off the line; it has
-    none with two sizes. None with fewer, or if a mean is not positive.
+    The interval of the exponent is Student's, from how far the points lie off the line. None with
+    fewer than four sizes, or if a mean is not positive.
 
-    >>> fit = power_law([4, 8, 16], [8.0, 16.0, 32.0])
+    >>> fit = power_law([4, 8, 16, 32], [8.0, 16.0, 32.0, 64.0])
     >>> fit is not None and round(fit.exponent.estimate, 6)
     1.0
     """
-    if len(set(sizes)) < 2 or min(means) <= 0:
+    if len(set(sizes)) < SIZES_MIN or min(means) <= 0:
         return None
     x, y = np.log(np.array(sizes, float)), np.log(np.array(means, float))
     spread = float(((x - x.mean()) ** 2).sum())
@@ -186,8 +188,6 @@ def power_law(sizes: Sequence[float], means: Sequence[float]) -> Fit | None:
     total = float(((y - y.mean()) ** 2).sum())
     r_squared = 1.0 if total == 0 else 1 - float((left**2).sum()) / total
     freedom = len(x) - 2
-    if freedom < 1:
-        return Fit(Interval(slope, None, None), exp(factor), r_squared)
     half = student(freedom) * sqrt(float((left**2).sum()) / freedom / spread)
     return Fit(Interval(slope, slope - half, slope + half), exp(factor), r_squared)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
 from cubepath.coordinator.experiments.statistics import (
+    SIZES_MIN,
     Interval,
     mean_interval,
     paired_test,
@@ -52,18 +53,19 @@ def _plain(value: object) -> object:
 def shown(value: object) -> str:
     """Return a value as it stands in a table.
 
-    >>> shown(Interval(2.0, 1.5, 3.25)), shown(None), shown(0.000012), shown(1234567.0)
-    ('2 [1.5, 3.25]', '', '1.2e-05', '1.23e+06')
+    >>> shown(Interval(1003.2, 420.4, 1578.0)), shown(None), shown(0.000012), shown(1234567.0)
+    ('1003 [420, 1578]', '', '1.2e-05', '1.23e+06')
     """
     match value:
         case None:
             return ""
         case Interval(estimate, low, high):
             if low is None or high is None or low == high == estimate:
-                return f"{estimate:.3g}"
-            return f"{estimate:.3g} [{low:.3g}, {high:.3g}]"
+                return shown(estimate)
+            return f"{shown(estimate)} [{shown(low)}, {shown(high)}]"
         case float():
-            return f"{value:.3g}"
+            # Three digits, but no power of ten before a million.
+            return f"{value:.0f}" if 999.5 <= abs(value) <= 1e6 else f"{value:.3g}"
         case _:
             return str(value)
 
@@ -282,8 +284,8 @@ def growth_table(rows: Sequence[Row]) -> Table:
         "Growth",
         "Least squares of the logarithms: the mean over the runs that reached their goal is about"
         " factor x modules^exponent. The 95% interval of the exponent is Student's, from how far"
-        " the means lie off the line: it tells how well a power law fits, and with two sizes there"
-        f" is none. Rounds of runs without rounds are {_LEVELS}.",
+        " the means lie off the line: it shows how well a power law fits. Nothing is fitted to"
+        f" fewer than {SIZES_MIN} sizes. Rounds of runs without rounds are {_LEVELS}.",
         (*keys, "measure", "modules", "sizes", "exponent", "factor", "R2"),
         tuple(found),
     )
