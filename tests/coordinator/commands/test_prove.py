@@ -41,6 +41,15 @@ def stage(found: dict[str, Any], name: str = "proof") -> dict[str, Any]:
 
 
 @pytest.mark.slow
+def test_the_time_of_a_command_includes_its_search(capsys: Capture) -> None:
+    """The seconds of the command are no fewer than those of its longest stage."""
+    found = document(capsys, "shorten", HEX, "--improve", "0.5", "--max-states", "9")
+    longest = max(each["seconds"] for each in found["spent"])
+    assert found["seconds"] >= longest - 0.001
+    assert longest > 0.05
+
+
+@pytest.mark.slow
 def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> None:
     """The schedule comes out like any other, and the proof beside it."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "path.proof"

@@ -64,6 +64,7 @@ def test_a_run_is_on_record_and_holds(tmp_path: Path) -> None:
     assert not keeper_logs(log).exists()
     document = outcome.document()
     assert document["keepers"] == 2
+    assert (document["levels"], "rounds" in document) == (outcome.rounds, False)
     assert not document["crashes"]
 
 

@@ -103,17 +103,19 @@ def shorten_following(options: argparse.Namespace) -> int:
     output: Path | None = options.output
     if output is not None:
         write_following(output, written)
-    document, rows = _figures(found, plan, shortened)
-    rows += [*_following_rows(found, timed=timed), *_fewest_rows(fewest), *proved]
+    document = _document(found, timed=timed)
+    if fewest is not None:
+        written_proof = options.proof is not None and fewest.refuted is not None
+        document |= fewest.document()
+        document["proof"] = str(options.proof) if written_proof else None
+    figures, figure_rows = _figures(found, plan, shortened)
+    searched = 0 if fewest is None else fewest.seconds
+    document |= figures | {"seconds": round(figures["seconds"] + searched, 3)}
+    rows = [*_following_rows(found, timed=timed), *_fewest_rows(fewest), *proved, *figure_rows]
     rows.append(("time", f"{document['seconds']:.2f} s"))
     if output is not None:
         rows.append(("written to", file_name(output)))
     lines = ["", *chain_in_words(found, timed=timed)] if options.explain else []
-    document["following"] = _document(found, timed=timed)
-    if fewest is not None:
-        document["following"] |= fewest.document()
-        written_proof = options.proof is not None and fewest.refuted is not None
-        document["following"]["proof"] = str(options.proof) if written_proof else None
     answer(options, document, "\n".join([table(rows), *map(visible, lines)]))
     return solved(options, plan.unsolved)
 
@@ -207,7 +209,7 @@ def _document(found: FollowingTimetable, *, timed: bool) -> dict[str, Any]:
     from cubepath.protocol.path_files.durations import time_text  # noqa: PLC0415
 
     return {
-        "rule": found.rule,
+        "following": found.rule,
         "rounds": None if timed else int(found.makespan),
         "makespan": time_text(found.makespan),
         "rotations": found.rotations,

@@ -11,6 +11,7 @@ import argparse
 import errno
 import logging
 import resource
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -287,7 +288,9 @@ def _shorten(options: argparse.Namespace) -> int:
         found = shorten(
             options.input, system=options.system, progress=bar.update, hints=hints(options)
         )
+    began = time.perf_counter()
     known = look_beyond(options, found)
+    seconds = found.seconds + (0 if known is None else time.perf_counter() - began)
     told = explain(options, found)
     if output is not None:
         with progress_bar(None, "write", ""):
@@ -300,11 +303,12 @@ def _shorten(options: argparse.Namespace) -> int:
         *plan_rows(found),
         *beyond_rows(known, options.proof),
         *told.rows,
-        ("time", f"{found.seconds:.2f} s"),
+        ("time", f"{seconds:.2f} s"),
     ]
     if options.output is not None:
         rows.append(("written to", file_name(options.output)))
-    document = found.document() | ({} if known is None else known.document()) | told.document
+    document = found.document() | {"seconds": round(seconds, 3)}
+    document |= ({} if known is None else known.document()) | told.document
     answer(options, document, "\n".join([table(rows), *map(visible, told.lines)]))
     return solved(options, found.given.unsolved)
 

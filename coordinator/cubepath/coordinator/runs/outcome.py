@@ -46,8 +46,9 @@ class Outcome:
 
     So is `refused`, how many messages were refused. `error` is a key too if there is one. If a
     schedule was carried out, there are two more: how many cubes it has, and where it stopped, None
-    if it did not. A run without rounds has levels in their place, and three more keys: how many
-    keepers it had, which processes died, and for how long modules were held back for the record.
+    if it did not. A run without rounds has the key `levels` for `rounds`, and three more keys: how
+    many keepers it had, which processes died, and for how long modules were held back for the
+    record.
 
     Beside these figures it has the path itself, its cubes and a bound:
 
@@ -132,10 +133,11 @@ class Outcome:
             extra -= {"error"}
         if self.schedule_cubes is None:
             extra |= {"schedule_cubes", "schedule_stopped"}
+        names = {} if self.keepers is None else {"rounds": "levels"}
         if self.keepers is None:
             extra |= {"keepers", "crashes", "held_back_seconds"}
         found: dict[str, Any] = msgspec.to_builtins(
-            {key: getattr(self, key) for key in self.__slots__ if key not in extra}
+            {names.get(key, key): getattr(self, key) for key in self.__slots__ if key not in extra}
         )
         return found
 
