@@ -25,6 +25,32 @@ def test_every_claim_comes_out_as_known(number: int) -> None:
     assert row.computed
 
 
+@pytest.mark.slow
+def test_rows_say_what_they_rest_on() -> None:
+    """A failure beyond the last pair, evidence that is no proof, an argument that is refuted."""
+    shown = {
+        row.claim: row.computed
+        for row in compute_claims(
+            each
+            for each in all_claims()
+            if each.item in {"5, refinement of graphs", "8, complexity"}
+            or "as printed" in each.claim
+        )
+    }
+    (printed,) = (text for claim, text in shown.items() if "as printed" in claim)
+    assert "cube path of 10 cubes, whose class has a path of 6." in printed
+    assert "comes out with 7 if i keeps its value, 7 if" in printed
+    assert "the same if each call cancels in the last pair too" in printed
+    assert "comes out with 2 cubes and not 1" in printed
+    assert "with the last pair 1." in printed
+    assert printed.endswith("0 of 2,000 random paths fail")
+    (graphs,) = (text for claim, text in shown.items() if "homotopy type" in claim)
+    assert graphs.startswith("evidence, since homology alone is compared")
+    (loops,) = (text for claim, text in shown.items() if "O(N^2)" in claim)
+    assert loops.startswith("not contradicted: ")
+    assert "which it does not" in loops
+
+
 def test_every_local_system_is_among_those_that_are_looked_at() -> None:
     """What is said of all local systems is computed for a scene of each."""
     names = {spec.partition(":")[0] for spec in SYSTEMS}

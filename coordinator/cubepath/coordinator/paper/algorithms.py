@@ -34,6 +34,9 @@ Where the printed text falls short, and what `mended_time_geodesic` does about i
   `READINGS` lists four answers. ``[a], [b], [a]`` is returned with two cubes in each of them. The
   path of ten cubes is returned with seven if i keeps its value or goes to the next cube, and with
   six, as it should be, if i steps back or restarts at 1. In no reading is the result too short.
+  The first path fails only because CommonEdge stops one cube too early, the second also where each
+  call cancels in the last pair too. If i steps back and the last pair is looked at, no failure was
+  found among random paths; that it never fails is not proved.
 
 The star condition of the definition must be read at the vertex between two cubes, in the universal
 cover: see `cubepath.coordinator.normal_form.definitions.is_normal`. Commute does so, by the lemma

@@ -204,7 +204,13 @@ def _refined_graphs() -> Outcome:
             return f"{name}, N={count}: not the same with N, N+1 and N+2", False
         stable = next(n for n in range(count + 1) if all(g == found[n] for g in found[n:]))
         rows.append(f"{name}, N={count}: from {stable} on")
-    return f"the same groups with N, N+1 and N+2, and already: {'; '.join(rows)}", True
+    return (
+        (
+            "evidence, since homology alone is compared: the same groups with N, N+1 and N+2, and"
+            f" already: {'; '.join(rows)}"
+        ),
+        True,
+    )
 
 
 def _padded(groups: tuple[T, ...], nothing: T) -> tuple[T, ...]:
