@@ -6,13 +6,14 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.free.fleet import FreeFleet
+from cubepath.agents.free.fleet import BIRTHS, FreeFleet
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.rig import Rig
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import locked_file
 from cubepath.protocol.scenes.specs import scene_from_spec
 from watched_fleets import PATIENCE_S, Watch, listened, watched
 
@@ -165,3 +166,15 @@ def test_slow_links_only_take_longer(cubepath_run: StartRun) -> None:
 def test_a_fleet_has_processes_and_keepers(key: str, number: int) -> None:
     with pytest.raises(InputError, match=f"^{key}=0: expected 1 or more$"):
         FreeFleet(scene_from_spec(CHAIN), "chain", **{key: number})  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_each_keeper_holds_the_lock_of_the_logs(tmp_path: Path) -> None:
+    """For as long as it lives, also when its starter holds it no more."""
+    path = tmp_path / BIRTHS
+    lock = locked_file(path)
+    with FreeFleet(scene_from_spec(CHAIN), "chain", keepers=1, logs=tmp_path, lock=lock):
+        lock.close()
+        with pytest.raises(BlockingIOError):
+            locked_file(path)
+    locked_file(path).close()

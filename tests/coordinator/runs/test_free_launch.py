@@ -19,7 +19,7 @@ from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs import free_launch
 from cubepath.coordinator.runs.free_launch import FreeRun
-from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.resuming import keeper_logs
@@ -261,6 +261,38 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     sound(more)
     with pytest.raises(InputError, match=r"run\.mcap\.keepers: not there"):
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
+
+
+@pytest.mark.slow
+def test_a_run_that_goes_on_cannot_be_taken_up(tmp_path: Path) -> None:
+    """Nothing is written then, and its keepers' logs stay where they are."""
+    log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"
+    plan = Plan(system=CHAIN, clock="free", keepers=1, processes=1, speeds=SLOW, log=log)
+    with start(plan):
+        again = started("--resume", str(log), "--log", str(more))
+        _, said = again.communicate(timeout=60)
+        assert again.returncode == 2
+        what = "a run is writing there, expected it to end first"
+        assert said.decode() == f"cubepath: {keeper_logs(log)}: {what}\n"
+        assert not more.exists()
+        assert keeper_logs(log).is_dir()
+
+
+@pytest.mark.thorough
+def test_of_two_that_take_up_a_run_one_does(tmp_path: Path) -> None:
+    """The other ends with one line and exit code 2."""
+    log = tmp_path / "run.mcap"
+    plan = Plan(system="hex:n=2", rule="random", clock="free", log=log, keepers=1, patience=1.0)
+    assert run(replace(plan, speeds={0: 10_000, 1: 10_000})).ended == "failed"
+    more = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    both = [started("--resume", str(log), "--log", str(each), "--patience", "1") for each in more]
+    said = [each.communicate(timeout=60)[1].decode() for each in both]
+    codes = [each.returncode for each in both]
+    assert sorted(codes) == [1, 2], said
+    loser = codes.index(2)
+    assert said[loser].startswith(f"cubepath: {log}"), said
+    assert said[loser].count("\n") == 1
+    assert [each.exists() for each in more] == [each != loser for each in (0, 1)]
 
 
 @pytest.mark.thorough

@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self, TypeAlias
+from typing import IO, Literal, Self, TypeAlias
 
 from cubepath.agents.free.orders import FreeOrders, OwnMove
 from cubepath.agents.keepers.orders import KeeperOrders
@@ -41,6 +41,8 @@ ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
 """So long processes may take to end that were told to; killed they lose nothing either."""
+BIRTHS = "births"
+"""The file in the folder of logs that says how often it was used; whoever locks it has them all."""
 _RESTARTS_MAX = 100
 """So often processes are started again in all; what dies at once would do so for ever."""
 
@@ -71,11 +73,13 @@ class FreeFleet:
         on_crash: OnCrash = "stop",
         schedule: Mapping[int, Sequence[OwnMove]] | None = None,
         logs: Path | None = None,
+        lock: IO[bytes] | None = None,
         way: Way = straight,
     ) -> None:
         """Plan the fleet; the logs of keepers are kept in a folder `logs`, if one is named.
 
-        What keepers have logged there before is taken up again. Keepers and module processes take
+        What keepers have logged there before is taken up again. Each keeper holds the `lock` of
+        that folder for as long as it lives. Keepers and module processes take
         the `way` to the router.
         """
         for name, number in (("processes", processes), ("keepers", keepers)):
@@ -96,6 +100,7 @@ class FreeFleet:
         self._jitter = jitter
         self._schedule = schedule
         self._logs = logs
+        self._lock = lock
         self._way = way
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
@@ -166,7 +171,7 @@ class FreeFleet:
             tell_reads=self._schedule is not None,
             credentials=credentials,
         )
-        self._offspring.spawn(name, _KEEPER, orders)
+        self._offspring.spawn(name, _KEEPER, orders, self._lock)
 
     def _host(self, process: int) -> None:
         name, modules = process_name(process), self.modules_of[process]
@@ -267,7 +272,7 @@ def first_birth(logs: Path | None) -> int:
     """
     if logs is None:
         return 1
-    counter = logs / "births"
+    counter = logs / BIRTHS
     birth = 1
     with contextlib.suppress(OSError, ValueError):
         birth = int(counter.read_text()) + BIRTHS_OF_A_FLEET

@@ -52,8 +52,10 @@ class Offspring:
         self.by_name: dict[str, subprocess.Popen[bytes]] = {}
         self._complaints: dict[str, IO[bytes]] = {}
 
-    def spawn(self, name: str, module: str, orders: msgspec.Struct) -> None:
-        """Start a process; one of the same name has ended before."""
+    def spawn(
+        self, name: str, module: str, orders: msgspec.Struct, lock: IO[bytes] | None = None
+    ) -> None:
+        """Start a process, which holds a lock too; one of the same name has ended before."""
         self._drop(name)
         complaints = self._complaints[name] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `_drop`
         child = self.by_name[name] = subprocess.Popen(
@@ -64,6 +66,7 @@ class Offspring:
             stderr=complaints,
             # A terminal's interrupt goes to the coordinator, which ends its processes properly.
             process_group=0,
+            pass_fds=() if lock is None else (lock.fileno(),),
         )
         if child.stdin is None:  # it was requested above
             raise AssertionError("no pipe to the process")

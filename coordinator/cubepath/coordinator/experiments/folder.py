@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import time
@@ -36,8 +35,8 @@ from cubepath.coordinator.experiments.rows import (
 from cubepath.coordinator.experiments.setting import OF_SCENES, Batch
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import (
-    appended_file,
     check_output_folder,
+    locked_file,
     unwritable,
     written_whole,
 )
@@ -130,8 +129,7 @@ class SweepFolder:
     def _lock_it(self) -> None:
         """Lock the folder, or raise BlockingIOError: it is looked into by one sweep at a time."""
         self._locked_first = not (self.folder / _LOCK).exists()
-        self._lock = appended_file(self.folder / _LOCK)
-        fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._lock = locked_file(self.folder / _LOCK)
 
     def _check(self) -> None:
         """Raise InputError if the folder is that of something else; mark a new one."""

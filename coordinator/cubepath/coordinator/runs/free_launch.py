@@ -10,7 +10,7 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, BinaryIO
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.free.host_node import HALT_S
@@ -22,8 +22,9 @@ from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_schedule import own_moves
 from cubepath.coordinator.runs.outcome import Noticed
 from cubepath.coordinator.runs.plan import Plan, Task
-from cubepath.coordinator.runs.resuming import is_said, keeper_logs
+from cubepath.coordinator.runs.resuming import is_said, keeper_logs, locked_logs
 from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.protocol.core.output_files import unwritable
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import keeper_name
@@ -64,10 +65,12 @@ class FreeRun:
         way: Way,
         opened: Callable[[FreeFleet], None],
         before: Recording | None = None,
+        lock: BinaryIO | None = None,
     ) -> None:
         """Begin with nothing started; `hear` is told of each message, and the wall time in ns.
 
-        `before` is what is on record of a run that is taken up again. `opened` is called when the
+        `before` is what is on record of a run that is taken up again, and `lock` that of its
+        keepers' logs, which is closed in the end. `opened` is called when the
         router is there, before any module acts.
         """
         self.plan = plan
@@ -83,6 +86,7 @@ class FreeRun:
         self._hear = hear
         self._way = way
         self._before = before
+        self._lock = lock
         self._opened = opened
         self._results: tuple[FreeMessage, ...] | None = None
         self._check: Callable[[], None] = lambda: None
@@ -124,7 +128,13 @@ class FreeRun:
         path = self.writer.path
         logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
         if plan.resume is not None and logs is not None:
-            keeper_logs(plan.resume).rename(logs)  # this run may be cut off in its turn
+            try:
+                keeper_logs(plan.resume).rename(logs)  # this run may be cut off in its turn
+            except OSError as error:
+                raise unwritable(logs, error) from None
+        elif logs is not None:
+            logs.mkdir(exist_ok=True)
+            self._lock = locked_logs(logs)
         fleet = self._fleet = self._resources.enter_context(
             FreeFleet(
                 task.scene,
@@ -140,6 +150,7 @@ class FreeRun:
                 if task.assignment is None
                 else own_moves(task.scene, task.assignment),
                 logs=logs,
+                lock=self._lock,
                 way=self._way,
             )
         )
@@ -213,6 +224,8 @@ class FreeRun:
         """Take away the keepers' logs, unless the run can be taken up again."""
         if ending.ended != "failed" or self.gathered.failed is not None:
             shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
+        if self._lock is not None:
+            self._lock.close()
 
     @property
     def _schedule_cubes(self) -> int | None:

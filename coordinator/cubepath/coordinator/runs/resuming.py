@@ -6,16 +6,23 @@ recording; a run that comes to its end takes the folder away, unless it failed.
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
-from cubepath.agents.free.fleet import ON_CRASH
+from cubepath.agents.free.fleet import BIRTHS, ON_CRASH
 from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import locked_file, unwritable
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import FREE_KINDS
+
+_LOCK_S_MAX, _POLL_S = 2.0, 0.05
+"""So long the keepers of a run whose launcher was killed may take to end."""
 
 
 def keeper_logs(recording: Path) -> Path:
@@ -46,7 +53,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
     if not logs.is_dir():
         if next(recording.of_kind("summary"), None) is not None:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
-        raise InputError(f"{logs}: not there, expected the logs of the run's keepers")
+        raise _no_logs(logs)
     try:
         rule = permitted_rule(told["rule"], plan.rule)
         if plan.rule is not None and not is_in_file(rule):
@@ -67,6 +74,35 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
         return again, Task(recording.scene, rule, most), recording
     except (KeyError, ValueError, StopIteration) as error:
         raise InputError(f"{path}: its parameters are not those of a run: {error!r}") from None
+
+
+def locked_logs(folder: Path) -> BinaryIO:
+    """Lock the folder of keepers' logs for one run; InputError if another has them.
+
+    The lock is on a file in the folder, and stays with it when the folder is renamed.
+    """
+    deadline = time.monotonic() + _LOCK_S_MAX
+    path = folder / BIRTHS
+    while True:
+        try:
+            lock = locked_file(path)
+            if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):
+                return lock
+            lock.close()  # a run that took it up had just renamed the folder
+        except BlockingIOError:
+            if time.monotonic() >= deadline:
+                raise InputError(
+                    f"{folder}: a run is writing there, expected it to end first"
+                ) from None
+            time.sleep(_POLL_S)
+        except FileNotFoundError:
+            raise _no_logs(folder) from None
+        except OSError as error:
+            raise unwritable(path, error) from None
+
+
+def _no_logs(folder: Path) -> InputError:
+    return InputError(f"{folder}: not there, expected the logs of the run's keepers")
 
 
 def _speeds(told: Mapping[str, str]) -> dict[int, float]:

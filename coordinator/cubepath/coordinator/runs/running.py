@@ -37,7 +37,7 @@ from cubepath.coordinator.runs.plan import (
     parameters_of,
 )
 from cubepath.coordinator.runs.plan import task_of as checked
-from cubepath.coordinator.runs.resuming import keeper_logs, resumed
+from cubepath.coordinator.runs.resuming import keeper_logs, locked_logs, resumed
 from cubepath.coordinator.runs.standing import Driver, Standing, Watch
 from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.coordinator.runs.turns import Turns
@@ -193,7 +193,13 @@ class Running(Standing):
             )
         schedule = None if task.assignment is None else schedule_to_jsonl(task.assignment.cubes)
         parameters = parameters_of(plan, task)
-        writer = RecordingWriter(path, task.scene, parameters, schedule)
+        lock = None if plan.resume is None else locked_logs(keeper_logs(plan.resume))
+        try:
+            writer = RecordingWriter(path, task.scene, parameters, schedule)
+        except BaseException:
+            if lock is not None:
+                lock.close()
+            raise
         self._said = parameters, None if schedule is None else schedule.decode()
         common: dict[str, Any] = {
             "say": self._say,
@@ -203,7 +209,7 @@ class Running(Standing):
             "opened": self._answer_from,
         }
         driver: Driver = (
-            FreeRun(plan, task, writer, before=self._before, **common)
+            FreeRun(plan, task, writer, before=self._before, lock=lock, **common)
             if plan.is_free
             else LockstepRun(plan, task, writer, pace=self._left, **common)
         )

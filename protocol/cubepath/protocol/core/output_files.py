@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import stat
 import sys
@@ -92,6 +93,21 @@ def appended_file(path: Path) -> BinaryIO:
     """Open or create a file to read and to add to; OSError if it is a symbolic link."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
     return os.fdopen(os.open(path, flags, 0o666), "a+b")
+
+
+def locked_file(path: Path) -> BinaryIO:
+    """Open a file as `appended_file` does, and lock it; BlockingIOError if another holds the lock.
+
+    The lock lasts until this process, and each to which it has handed the file, has closed it or
+    has ended.
+    """
+    file = appended_file(path)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise
+    return file
 
 
 @contextlib.contextmanager
