@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from cubepath.coordinator.comparison.reading import ODD_MAX, action_text, cut_text
-from cubepath.coordinator.verification.free_history import NO_SITE, History
-from cubepath.coordinator.verification.free_units import changed_by, held_by
+from cubepath.coordinator.verification.free_history import History
+from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
 from cubepath.coordinator.verification.transcript import is_cut_off, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text

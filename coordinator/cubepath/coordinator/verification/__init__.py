@@ -25,10 +25,10 @@ if TYPE_CHECKING:
         ProvedFewest,
         check_fewest_rounds,
     )
-    from cubepath.coordinator.verification.free_history import NO_SITE, Carried, History
+    from cubepath.coordinator.verification.free_history import Carried, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
-    from cubepath.coordinator.verification.free_units import changed_by, held_by
+    from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
     from cubepath.coordinator.verification.holes import hole_in, lacks
     from cubepath.coordinator.verification.optimality import (
         ProvedOptimal,
@@ -75,10 +75,10 @@ else:
             "findings": "Check Progress Verification",
             "following": "check_following",
             "following_proof": "FollowingRefutation ProvedFewest check_fewest_rounds",
-            "free_history": "Carried History NO_SITE",
+            "free_history": "Carried History",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
-            "free_units": "changed_by held_by",
+            "free_units": "NO_SITE changed_by held_by",
             "holes": "hole_in lacks",
             "optimality": "ProvedOptimal Refutation check_optimality",
             "parameters": "hesitation_in max_rounds_in seed_in",

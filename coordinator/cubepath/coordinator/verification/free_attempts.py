@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 from cubepath.coordinator.verification.free_births import Births
 from cubepath.coordinator.verification.free_history import (
-    NO_SITE,
     History,
     Standing,
 )
@@ -21,7 +20,7 @@ from cubepath.coordinator.verification.free_transcript import (
     attempt_text,
     commit_text,
 )
-from cubepath.coordinator.verification.free_units import changed_by
+from cubepath.coordinator.verification.free_units import NO_SITE, changed_by
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text

@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_transcript import commit_text
 from cubepath.coordinator.verification.free_units import (
+    NO_SITE,
     changed_by,
     held_by,
     on_unit,
+    unit_in,
     units_of,
 )
 from cubepath.coordinator.verification.rounds import make, why_not
@@ -32,8 +34,6 @@ from cubepath.protocol.wire.free_messages import Moved, Register
 from cubepath.protocol.wire.messages import encode
 
 _START = [0]
-NO_SITE = (TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
-"""What systems raise, beside `InputError`, for a value that is none of their sites."""
 
 
 class Standing(NamedTuple):
@@ -143,7 +143,7 @@ class History:
 
     def _sort(self, number: int, moved: Moved) -> None:
         def unit_of(value: Json) -> _Unit:
-            site = site_in(value)
+            site = unit_in(self.system, value)
             if site is None:
                 self._fail("units", f"{commit_text(moved)}: {value!r} is no unit")
                 return _Unit()

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cubepath.coordinator.verification.free_history import NO_SITE, History
+from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
+from cubepath.coordinator.verification.free_units import NO_SITE, unit_in
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
@@ -182,7 +183,7 @@ class Tails:
                 self._fail("tails", f"{where}: a unit comes twice")
             for unit in tail.units:
                 self._check_unit(where, unit)
-                self._check_keeper(where, tail.keeper, site_in(unit[0]))
+                self._check_keeper(where, tail.keeper, unit_in(self._history.system, unit[0]))
             last[tail.keeper] = where, tail
         if not whole:
             return
@@ -205,7 +206,8 @@ class Tails:
 
     def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:
         value, version, level, reads, shown = told
-        history, unit = self._history, site_in(value)
+        history = self._history
+        unit = unit_in(history.system, value)
         site = None if shown is None else site_in(shown)
         if unit is None or not history.at_unit(unit, version)[0]:
             self._fail("tails", f"{where}: {value!r} never had version {version}")

@@ -11,7 +11,6 @@ from typing import NamedTuple, Protocol
 
 from cubepath.coordinator.verification.choices import Arrays, Observing
 from cubepath.coordinator.verification.free_history import (
-    NO_SITE,
     History,
 )
 from cubepath.coordinator.verification.free_shown import Shownness
@@ -20,7 +19,7 @@ from cubepath.coordinator.verification.free_transcript import (
     attempt_text,
     turn_text,
 )
-from cubepath.coordinator.verification.free_units import on_unit, units_of
+from cubepath.coordinator.verification.free_units import NO_SITE, on_unit, units_of
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text

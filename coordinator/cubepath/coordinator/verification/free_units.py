@@ -7,10 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Moved
+
+NO_SITE = (TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
+"""What systems raise, beside `InputError`, for a value that is none of their sites."""
+
+
+def unit_in(system: System, value: Json) -> Site | None:
+    """Return the unit in a message, or None if the system has no such unit."""
+    unit = site_in(value)
+    try:
+        place = unit if system.labels is not None else system.place_of(unit)
+        return unit if system.has_place(place) else None
+    except (*NO_SITE, InputError):
+        return None
 
 
 def on_unit(system: System, unit: Site, standing: Mapping[Site, Site]) -> Site | None:
