@@ -18,6 +18,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder, table_of
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import distances, write_report
 from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
@@ -154,6 +155,15 @@ def test_growth_is_that_of_the_means(folder: Path) -> None:
     assert {(row["family"], row["sizes"], row["modules"]) for row in found} == {("hex", 4, "3..6")}
     (moves,) = [row for row in found if row["measure"] == "moves"]
     assert moves["exponent"]["low"] < 2 < moves["exponent"]["high"] < 2.5
+
+
+def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None:
+    """A rule that never arrives stands at the limit with its share, and others beside theirs."""
+    rows = short_rules(read_sweep(folder).rows)
+    plots = {plot.name: plot.svg.decode() for plot in plots_of(rows, {})}
+    assert plots["growth-rounds"].count(">0/6<") == 4
+    assert ">random<" in plots["growth-rounds"]
+    assert "24 of 24 reached" in plots["price"]
 
 
 def test_growth_of_three_sizes_is_not_fitted(folder: Path) -> None:

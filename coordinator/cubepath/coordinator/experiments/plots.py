@@ -48,6 +48,7 @@ _LONG = 16
 """Labels of a legend with more letters stand two in a line."""
 _DECADE = 10
 _OVER = "cubes over best"
+_CAPPED = "other runs count as their limit (dotted)\n2/6: two of six reached the goal"
 _NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
@@ -135,11 +136,17 @@ def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list
         for row in several
     ]
     found: list[Plot | None] = []
-    for measure, title in (("rounds", "Rounds to the goal"), ("cubes", "Cubes of the schedule")):
-        draw = _by_size(measure)
-        found.append(
-            _figure(f"growth-{measure}", f"{title}, by modules", sized, "base", looks, draw)
-        )
+    families = {row["base"] for row in sized}
+    capped = [
+        row | {"base": base, "rounds": row["rounds"] if row["goal"] else row["max_rounds"]}
+        for row in rows
+        if (base := without_size(row["system"])) in families
+    ]
+    title = f"Rounds to the goal, by modules\n{_CAPPED}"
+    draw = _by_size("rounds")
+    found.append(_figure("growth-rounds", title, capped, "base", looks, draw))
+    title = "Cubes of the schedule, by modules"
+    found.append(_figure("growth-cubes", title, sized, "base", looks, _by_size("cubes")))
     best = best_by_system(rows)
     over = [row | {_OVER: row["cubes"] / best[row["system"]]} for row in sized if row["cubes"]]
     title = "Cubes over the best known"
@@ -162,8 +169,17 @@ def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list
 
 def price_plot(rows: Sequence[Row]) -> Plot | None:
     """Return the plot of what runs paid for timing, class and rule; None if none arrived."""
+    shares = {
+        key: f"{sum(bool(row['goal']) for row in several)} of {len(several)} reached"
+        for key, several in groups(
+            (row | {"base": without_size(row["system"])} for row in rows if row["clock"] != "free"),
+            ["base", "rule"],
+        ).items()
+    }
     drawn = [
-        row | {"panel": f"{without_size(row['system'])}, {row['rule']}"} for row in priced(rows)
+        row | {"panel": f"{base}, {row['rule']}, {shares[base, row['rule']]}"}
+        for row in priced(rows)
+        if (base := without_size(row["system"]))
     ]
     looks = Looks(drawn) if drawn else Looks(rows)
     variants = sorted({looks.rest(row) for row in drawn}, key=natural)
@@ -176,7 +192,7 @@ def price_plot(rows: Sequence[Row]) -> Plot | None:
 def _by_size(measure: str) -> Draw:
     def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
         for look, several in looks.by_variant(rows):
-            means = by_size(several, measure)
+            means = by_size([row | {"goal": True} for row in several], measure)
             low = [each.estimate - (each.low or each.estimate) for each in means.values()]
             high = [(each.high or each.estimate) - each.estimate for each in means.values()]
             axes.errorbar(
@@ -188,6 +204,19 @@ def _by_size(measure: str) -> Draw:
                 linewidth=1.4,
                 **look,
             )
+            for (size,), there in groups(several, ["modules"]).items():
+                reached = sum(bool(row["goal"]) for row in there)
+                if reached < len(there):
+                    axes.annotate(
+                        f"{reached}/{len(there)}",
+                        (size, means[size].estimate),
+                        xytext=(4, -11),
+                        textcoords="offset points",
+                        fontsize=8,
+                        color=look["color"],
+                    )
+        for cap in {row["max_rounds"] for row in rows if not row["goal"]}:
+            axes.axhline(cap, color=PALE, linestyle=":", linewidth=1.2)
         axes.set_xscale("log")
         if measure != _OVER:
             axes.set_yscale("log")
