@@ -191,6 +191,11 @@ def test_a_proof_is_written_and_verified(
     out = capsys.readouterr().out
     assert "under the rule cgshop no timetable of 3 rounds or fewer" in out
     assert "the timetable has 4: optimal" in out
+    graph = checked["graph"]
+    assert (graph["vertices"], graph["edges"], checked["vehicles"]) == (9, 12, 2)
+    assert (checked["starts"], checked["ends"]) == (CROSSING["starts"], CROSSING["goals"])
+    assert f"graph      9 vertices, 12 edges, SHA-256 {graph['sha256']}\n" in out
+    assert "starts     [[0,1],[1,0]]\nends       [[2,1],[1,2]]\n" in out
 
 
 @pytest.mark.parametrize(

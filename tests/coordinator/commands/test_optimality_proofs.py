@@ -58,6 +58,13 @@ def test_what_was_proved(written: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert code == 0
     assert document.pop("seconds") >= 0
     assert document.pop("lemmas") > 0
+    system, scene = document.pop("system"), scene_from_spec(SPEC)
+    assert rows["system"] == f"{system['name']}, SHA-256 {system['sha256']}"
+    assert system["name"] == scene.spec
+    assert document.pop("start") == json.loads(rows["start"])
+    goal = document.pop("goal")
+    assert {tuple(site) for site in goal} == set(sliding().goal)
+    assert json.loads(rows["goal"]) == goal
     assert document == {
         "ok": True, "standing": "proved", "refuted": 7, "cubes": 8, "optimal": True,
         "solver": "cadical195", "moves": 50, "variables": 106, "clauses": 724,
@@ -115,6 +122,7 @@ def test_a_proof_of_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     (tmp_path / "one.jsonl").write_text(LEFT)
     code, out, _ = run(capsys, tmp_path / "a.proof", "--of", tmp_path / "both.jsonl")
     assert (code, "optimal" in out) == (0, True)
+    assert "system     none, 2 listed moves\nstart      [1]\ngoal       [3]\n" in out
     code, _, err = run(capsys, tmp_path / "a.proof", "--of", tmp_path / "one.jsonl")
     assert code == 1
     assert "one.jsonl has another goal: 2 is on only there" in err

@@ -6,8 +6,13 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
+
+_TEXT_MAX = 60
+"""Longest text of a state, in characters, that is printed rather than its digest."""
 
 
 class CheckedProof(NamedTuple):
@@ -25,6 +30,21 @@ class ClaimedProof(NamedTuple):
     log: Iterable[bytes]
     checked: Callable[[], CheckedProof]
     """Raises CheckError for what does not hold."""
+
+
+def digest(value: object) -> str:
+    """Return the SHA-256, in hexadecimal, of a value as compact JSON with sorted keys."""
+    return hashlib.sha256(_json(value).encode()).hexdigest()
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+def state_text(sites: list[Any], what: str) -> str:
+    """Return sites, given in JSON form, as JSON, or where that is long their number and digest."""
+    text = _json(sites)
+    return text if len(text) <= _TEXT_MAX else f"{len(sites)} {what}, SHA-256 {digest(sites)}"
 
 
 def write_others(options: argparse.Namespace, claimed: ClaimedProof) -> None:

@@ -10,12 +10,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.checked_proofs import CheckedProof, ClaimedProof
+from cubepath.coordinator.commands.checked_proofs import (
+    CheckedProof,
+    ClaimedProof,
+    digest,
+    state_text,
+)
 from cubepath.coordinator.commands.files import file_name, none_written
 from cubepath.coordinator.commands.plan_options import hints
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.sites import to_json
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.following.optimum import FewestRounds
@@ -76,9 +82,37 @@ def claimed_following(
 
     def checked() -> CheckedProof:
         found = refutation.checked()
-        return CheckedProof(found.proved, _rows(proof, found), _document(proof, found))
+        task = _task(proof)
+        rows = _rows(proof, found)
+        rows[1:1] = _task_rows(task)
+        return CheckedProof(found.proved, rows, _document(proof, found) | task)
 
     return ClaimedProof(refutation.dimacs, proof.log, checked)
+
+
+def _task(proof: FollowingProof) -> dict[str, Any]:
+    """Return what a proof is about; the digest of its graph does not depend on any numbering."""
+    cells = proof.vertices
+    edges = sorted({tuple(sorted((cells[one], cells[other]))) for one, other in proof.edges})
+    graph = {"vertices": len(cells), "edges": len(edges), "sha256": digest([sorted(cells), edges])}
+    return {
+        "graph": graph,
+        "vehicles": len(proof.starts),
+        "starts": to_json(tuple(proof.starts)),
+        "ends": to_json(tuple(proof.ends)),
+    }
+
+
+def _task_rows(task: dict[str, Any]) -> list[tuple[str, str]]:
+    graph = task["graph"]
+    vertices = "1 vertex" if graph["vertices"] == 1 else f"{graph['vertices']} vertices"
+    size = f"{vertices}, {counted(graph['edges'], 'edge')}"
+    return [
+        ("graph", f"{size}, SHA-256 {graph['sha256']}"),
+        ("vehicles", str(task["vehicles"])),
+        ("starts", state_text(task["starts"], "cells")),
+        ("ends", state_text(task["ends"], "cells")),
+    ]
 
 
 def _rows(proof: FollowingProof, found: ProvedFewest) -> list[tuple[str, str]]:

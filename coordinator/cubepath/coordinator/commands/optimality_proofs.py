@@ -12,7 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.checked_proofs import CheckedProof, ClaimedProof, write_others
+from cubepath.coordinator.commands.checked_proofs import (
+    CheckedProof,
+    ClaimedProof,
+    digest,
+    state_text,
+    write_others,
+)
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.plan_options import hints
@@ -21,6 +27,7 @@ from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, Source, opened
 from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.sites import in_order, to_json
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.path_input import PathInput
@@ -166,7 +173,10 @@ def _claimed(
 
     def checked() -> CheckedProof:
         found = refutation.checked()
-        return CheckedProof(found.proved, _rows(proof, found), _document(proof, found))
+        task = _task(refutation)
+        rows = _rows(proof, found)
+        rows[1:1] = _task_rows(task, len(proof.moves))
+        return CheckedProof(found.proved, rows, _document(proof, found) | task)
 
     return ClaimedProof(refutation.dimacs, proof.log, checked)
 
@@ -177,6 +187,30 @@ def _refuse(options: argparse.Namespace, error: CheckError) -> int:
     answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
     complain(f"{name}: refused: {why}")
     return FAILED
+
+
+def _task(refutation: Refutation) -> dict[str, Any]:
+    """Return what a proof is about: its system, None if its moves are listed, and its ends."""
+    proof, scene = refutation.proof, refutation.scene
+    system = None
+    if scene is not None:
+        table = {scene.system.table: scene.system.to_table()}
+        system = {"name": scene.spec, "sha256": digest(table)}
+    return {
+        "system": system,
+        "start": to_json(in_order(proof.start)),
+        "goal": to_json(in_order(proof.goal)),
+    }
+
+
+def _task_rows(task: dict[str, Any], moves: int) -> list[tuple[str, str]]:
+    system = task["system"]
+    listed = f"none, {counted(moves, 'listed move')}"
+    return [
+        ("system", f"{system['name']}, SHA-256 {system['sha256']}" if system else listed),
+        ("start", state_text(task["start"], "sites")),
+        ("goal", state_text(task["goal"], "sites")),
+    ]
 
 
 def _rows(proof: OptimalityProof, found: ProvedOptimal) -> list[tuple[str, str]]:

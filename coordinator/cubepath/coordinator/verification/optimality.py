@@ -28,7 +28,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_text
-from cubepath.protocol.core.system import System
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
 from cubepath.protocol.scenes.toml import scene_from_toml
 
@@ -87,14 +87,21 @@ class Refutation:
         self._goal = _state("the goal", proof.goal)
 
     @cached_property
-    def system(self) -> System | None:
-        """The system of the claim, None if its moves are listed."""
+    def scene(self) -> Scene | None:
+        """The scene that names the system of the claim, None if its moves are listed."""
         if self.proof.system is None:
             return None
         try:
-            system = scene_from_toml(self.proof.system, "the system").system
+            return scene_from_toml(self.proof.system, "the system")
         except InputError as error:
             raise CheckError(str(error)) from None
+
+    @cached_property
+    def system(self) -> System | None:
+        """The system of the claim, None if its moves are listed."""
+        if self.scene is None:
+            return None
+        system = self.scene.system
         if not system.local:
             raise CheckError("the system is not local, so it has no schedules")
         for name, state in (("the start", self._start), ("the goal", self._goal)):
