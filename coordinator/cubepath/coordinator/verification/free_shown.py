@@ -28,6 +28,8 @@ class Shownness:
         self._losses = Losses()
         self.versions: dict[Site, set[tuple[int, int]]] = {}
         """By place the versions of it and of its module that were ever shown."""
+        self.place_versions: dict[Site, set[int]] = {}
+        """By place the versions of it that were ever shown."""
         self._looks: set[tuple[int, str]] = set()
         self._changes: dict[tuple[str, int], Shows] = {}
         self._by_serial: dict[tuple[str, int, Site], Shown] = {}
@@ -50,6 +52,10 @@ class Shownness:
             if self._tiles.keeper_of_tile(look.tile) != keeper:
                 self._fail("shown", f"{where}: keeper_{keeper} does not have tile {look.tile}")
         self._check_serials()
+
+    def _take(self, place: Site, part: Shown) -> None:
+        self.versions.setdefault(place, set()).add((part.version, part.module_version))
+        self.place_versions.setdefault(place, set()).add(part.version)
 
     def _check_held(self, where: str, keeper: int, held: Held, transcript: FreeTranscript) -> None:
         """Check that what is held was asked for, and shows what was there."""
@@ -75,7 +81,7 @@ class Shownness:
             if self._tiles.keeper_of(place) != keeper:
                 self._fail("shown", f"{where}: keeper_{keeper} does not have {site_text(place)}")
             self._check_part(where, place, part)
-            self.versions.setdefault(place, set()).add((part.version, part.module_version))
+            self._take(place, part)
 
     def _check(self, where: str, message: Shows) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
@@ -103,7 +109,7 @@ class Shownness:
             if self._tiles.tile_of(place) != message.tile:
                 self._fail("shown", f"{where}: {site_text(place)} is not in tile {message.tile}")
             self._check_part(where, place, part)
-            self.versions.setdefault(place, set()).add((part.version, part.module_version))
+            self._take(place, part)
             before = self._by_serial.setdefault((message.tile, message.serial, place), part)
             if before != part:
                 self._fail("shown", f"{where}: {site_text(place)} was shown otherwise before")

@@ -231,7 +231,7 @@ class TurnsOfModules:
             there = self._history.at_place(at, 0)
             return there is not None and there.site is None  # what was never touched is not shown
         if module_version is None:
-            return any(each == version for each, _ in known)
+            return version in self._shown.place_versions.get(at, ())
         return (version, module_version) in known
 
     # Attempts.
