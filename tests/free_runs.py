@@ -19,8 +19,10 @@ from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge
 from cubepath.agents.rules.streams import RULE, stream
+from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -54,6 +56,11 @@ from recordings import new_path
 
 RULE_NAME = f"{Path(__file__).parent / 'free_rules.py'}:GOSSIP"
 NOTHING = Shown(None, 0)
+
+
+def asked(recording: Recording) -> Verification:
+    """Verify a recording, and ask its rule again, which is in a file of the tests."""
+    return audit(recording, rules=(RULE_NAME,))
 
 
 @dataclass

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from counted_lines import lines_of
-from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS
@@ -27,7 +26,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from cubepath.protocol.wire.tiles import Tiles
-from free_runs import free_recorded, free_run, write
+from free_runs import asked, free_recorded, free_run, write
 from junk import places_in
 
 SPECS = (
@@ -88,7 +87,7 @@ def other(value: Any) -> Any:
 def test_a_run_of_keepers_passes_every_check(spec: str, seed: int) -> None:
     """With messages late and doubled, processes that begin anew, registers and exchanges."""
     recording = free_recorded(spec, seed=seed, restarts=2)
-    found = audit(recording)
+    found = asked(recording)
     assert failing(found) == set()
     assert [check.name for check in found.checks] == list(FREE_CHECKS)
     assert all(check.checked for check in found.checks)
@@ -132,7 +131,7 @@ def is_found(recording: Recording, number: int, step: int) -> Iterator[str]:
         for leaf, (path, value) in enumerate(leaves(document)):
             if (place + leaf) % step == number:
                 changed = with_document(recording, place, put(document, path, other(value)))
-                if audit(changed).ok:
+                if asked(changed).ok:
                     yield f"{record.kind}: {' '.join(key for key in path if isinstance(key, str))}"
 
 
@@ -200,7 +199,7 @@ def test_a_commit_that_was_changed_wherever_it_is_told_is_found(check: str, chan
     """Keepers that agree on what cannot be are found, by the check that is for it."""
     recording = free_recorded("hex:n=7", moves=12)
     _, old = first_move(recording, lambda moved: moved.get("read"))
-    assert check in failing(audit(every_moved(recording, old, change(old))))
+    assert check in failing(asked(every_moved(recording, old, change(old))))
 
 
 def test_a_guard_that_did_not_hold_is_found() -> None:
@@ -208,7 +207,7 @@ def test_a_guard_that_did_not_hold_is_found() -> None:
     recording = free_recorded("hex:n=7", moves=40)
     _, old = first_move(recording, lambda moved: moved.get("guarded"))
     changed = old | {"guarded": [[unit, version + 1] for unit, version in old["guarded"]]}
-    assert failing(audit(every_moved(recording, old, changed))) & {"versions", "attempts", "order"}
+    assert failing(asked(every_moved(recording, old, changed))) & {"versions", "attempts", "order"}
 
 
 def test_commits_that_come_each_before_the_other_are_found() -> None:
@@ -229,7 +228,7 @@ def test_commits_that_come_each_before_the_other_are_found() -> None:
     )
     changed = every_moved(recording, one, one | {"guarded": [two["written"][0][:2]]})
     changed = every_moved(changed, two, two | {"guarded": [one["written"][0][:2]]})
-    assert "order" in failing(audit(changed))
+    assert "order" in failing(asked(changed))
 
 
 def test_another_choice_than_the_rule_makes_is_found() -> None:
@@ -239,7 +238,7 @@ def test_another_choice_than_the_rule_makes_is_found() -> None:
         document = json.loads(record.data)
         if record.kind == "turns" and "number" not in document["parts"][0]:
             document["parts"][0]["heeds"] = [[0, 0]]
-            found = audit(with_document(recording, place, document))
+            found = asked(with_document(recording, place, document))
             assert "choices" in failing(found)
             return
     raise AssertionError("no such turn")
@@ -248,7 +247,7 @@ def test_another_choice_than_the_rule_makes_is_found() -> None:
 def test_a_rule_that_is_not_installed_is_not_asked() -> None:
     """The check is marked, and does not fail."""
     recording = free_recorded("hex:n=7")
-    found = audit(replace(recording, parameters={**recording.parameters, "rule": "unheard-of"}))
+    found = asked(replace(recording, parameters={**recording.parameters, "rule": "unheard-of"}))
     (choices,) = [check for check in found.checks if check.name == "choices"]
     assert (choices.ok, choices.checked, found.ok) == (True, False, True)
     assert not next(c for c in verify(recording).checks if c.name == "choices").checked
@@ -280,9 +279,9 @@ def test_what_is_recovered_of_a_cut_recording_is_right_as_far_as_it_goes(tmp_pat
     data = whole.path.read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
     damaged = read_recording(cut)
-    assert {"readable", "complete"} <= failing(audit(damaged))
+    assert {"readable", "complete"} <= failing(asked(damaged))
     saved = recover(damaged, tmp_path / "saved.mcap")
-    found = audit(read_recording(saved.out))
+    found = asked(read_recording(saved.out))
     assert failing(found) == set()
     assert not found.complete
     assert 0 < found.rounds == saved.rounds
@@ -292,9 +291,9 @@ def test_a_log_by_wall_time_is_checked_by_it(tmp_path: Path) -> None:
     """Both ways of keeping log time pass; a log time of neither is found."""
     scene, messages = free_run("agv:graph=grid6x6,n=6", moves=10)
     recording = read_recording(write(tmp_path / "a.mcap", scene, messages, wall=True))
-    assert failing(audit(recording)) == {"complete"}
+    assert failing(asked(recording)) == {"complete"}
     told = replace(recording, parameters={**recording.parameters, "log_time": "level"})
-    assert "messages" in failing(audit(told))
+    assert "messages" in failing(asked(told))
 
 
 def test_a_missing_commit_is_found_by_its_number() -> None:
@@ -311,7 +310,7 @@ def test_a_missing_commit_is_found_by_its_number() -> None:
         if record.kind not in {"moved", "tail"} or decode_free(record.data) != lost
         if record.kind != "tail"
     )
-    found = audit(replace(recording, records=kept))
+    found = asked(replace(recording, records=kept))
     assert {"serials", "complete", "tails"} <= failing(found)
 
 
@@ -327,7 +326,7 @@ def test_a_unit_of_a_tail_that_the_system_does_not_have_is_found(place: object) 
     ]
     number, document = tails[-1]
     changed = put(document, ("units", 0, 0), place)
-    failed = failing(audit(with_document(recording, number, changed)))
+    failed = failing(asked(with_document(recording, number, changed)))
     assert failed & {"tails", "messages"}
 
 
@@ -386,7 +385,7 @@ def test_a_recording_with_one_value_changed_is_verified_or_refused(name: str, ca
     random = Random(cases)  # noqa: S311 - not for secrets
     for _ in range(cases):
         with suppress(InputError, CheckError):
-            audit(one_value_changed(recording, random))
+            asked(one_value_changed(recording, random))
 
 
 def lines_per_turn(moves: int) -> float:

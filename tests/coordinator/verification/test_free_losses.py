@@ -9,7 +9,6 @@ from functools import cache
 import msgspec
 import pytest
 
-from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -27,7 +26,7 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 from free_numbers import numbered
-from free_runs import free_recorded, free_run, results, write
+from free_runs import asked, free_recorded, free_run, results, write
 from recordings import new_path
 
 SPEC, MOVES = "hex:n=4", 10
@@ -71,7 +70,7 @@ def test_any_message_may_be_missing(kind: str) -> None:
     found: set[str] = set()
     for number in range(0, said(kind), 1 + said(kind) // 25):
         lost = list(recording.of_kind(kind))[number].data
-        result = audit(without(recording, lambda each, lost=lost: encode(each) == lost))  # type: ignore[misc]
+        result = asked(without(recording, lambda each, lost=lost: encode(each) == lost))  # type: ignore[misc]
         assert failing(result) == set(), (number, result.checks)
         assert result.missing.messages == 1
         found |= unchecked(result)
@@ -86,7 +85,7 @@ def test_many_messages_in_a_row_may_be_missing(seed: int) -> None:
     recording = free_recorded(SPEC, moves=30, seed=seed, restarts=1)
     third = len(list(recording.records)) // 3
     lost = {each.data for each in list(recording.records)[third : 2 * third]}
-    result = audit(
+    result = asked(
         without(recording, lambda each: getattr(each, "said", 0) > 0 and encode(each) in lost)
     )
     assert failing(result) == set()
@@ -118,7 +117,7 @@ def test_without_a_gap_in_the_numbers_nothing_may_be_missing(
 ) -> None:
     """Who takes messages out and closes the gap is found."""
     scene, messages = free_run(SPEC, moves=MOVES)
-    result = audit(in_whole([each for each in messages if not is_lost(each)], scene))
+    result = asked(in_whole([each for each in messages if not is_lost(each)], scene))
     assert check in failing(result)
     assert result.missing.messages == 0
 
@@ -129,7 +128,7 @@ def test_a_contradiction_fails_where_messages_are_missing() -> None:
         free_recorded(SPEC, moves=MOVES),
         lambda each: isinstance(each, Turns) and each.parts[0].turn == 2,
     )
-    assert failing(audit(recording)) == set()
+    assert failing(asked(recording)) == set()
     for kind, change in (("moved", raised), ("ask", elsewhere)):
         changed, records = False, list(recording.records)
         for place, record in enumerate(records):
@@ -138,7 +137,7 @@ def test_a_contradiction_fails_where_messages_are_missing() -> None:
             if other is not None:
                 changed, records[place] = True, replace(record, data=encode(other))
         assert changed
-        assert failing(audit(replace(recording, records=tuple(records))))
+        assert failing(asked(replace(recording, records=tuple(records))))
 
 
 def raised(message: FreeMessage) -> FreeMessage | None:
@@ -181,7 +180,7 @@ def test_choices_are_checked_up_to_a_gap() -> None:
     for turn, fails in ((early, True), (late, False)):
         data, other = encode(turn), encode(msgspec.structs.replace(turn, heeds=[[0, 0]]))
         records = tuple(replace(each, data=each.data.replace(data, other)) for each in lost.records)
-        found = audit(replace(lost, records=records))
+        found = asked(replace(lost, records=records))
         assert ("choices" in failing(found)) is fails
         assert "choices" in unchecked(found)
 
@@ -193,25 +192,25 @@ def test_two_messages_with_one_number_are_found() -> None:
     place = next(n for n, each in enumerate(records) if each.kind == "turns")
     twice = [*records[:place], records[place], *records[place:]]
     doubled = tuple(replace(each, sequence=number) for number, each in enumerate(twice))
-    assert failing(audit(replace(recording, records=doubled))) == set()
+    assert failing(asked(replace(recording, records=doubled))) == set()
     message = decode_free(records[place].data)
     records[place] = replace(
         records[place],
         data=encode(msgspec.structs.replace(message, said=getattr(message, "said", 0) + 1)),
     )
-    assert "messages" in failing(audit(replace(recording, records=tuple(records))))
+    assert "messages" in failing(asked(replace(recording, records=tuple(records))))
 
 
 def test_the_end_of_a_fleet_before_the_last_may_be_cut_off() -> None:
     """A run that was taken up again has births that are much later."""
     scene, messages = free_run(SPEC, moves=MOVES)
     recording = in_whole([each for each in messages if not attempting(each)], scene)
-    assert "attempts" in failing(audit(recording))
+    assert "attempts" in failing(asked(recording))
     records = list(recording.records)
     place = max(n for n, each in enumerate(records) if each.kind == "tail")
     tail = decode_free(records[place].data)
     later = msgspec.structs.replace(tail, birth=1 + BIRTHS_OF_A_FLEET, said=1)
     records[place] = replace(records[place], data=encode(later))
-    found = audit(replace(recording, records=tuple(records)))
+    found = asked(replace(recording, records=tuple(records)))
     assert failing(found) == set()
     assert "attempts" in unchecked(found)

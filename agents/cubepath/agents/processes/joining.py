@@ -95,10 +95,10 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
         found = _ordered(session, joining, run, liveness)
         if found.recorded is not None:
             for name in found.recorded.rules.values():
-                permitted_rule(name, None)
+                permitted_rule(name)
         orders = replace(
             found,
-            rule=permitted_rule(found.rule, joining.rule),
+            rule=permitted_rule(found.rule, () if joining.rule is None else (joining.rule,)),
             endpoint=joining.connect,
             credentials=joining.credentials,
         )

@@ -6,6 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
@@ -40,16 +41,17 @@ def is_in_file(name: str) -> bool:
     return name.rpartition(":")[0].endswith(_SUFFIX)
 
 
-def permitted_rule(named: str, given: str | None) -> str:
+def permitted_rule(named: str, given: Collection[str] = ()) -> str:
     """Return the name under which to load a rule that an input names.
 
-    An input can name any file, so a file runs only if you gave it: `given` is FILE.py:NAME with the
-    same last part of the path, and stands for what the input names. InputError if it does not.
+    An input can name any file, so a file runs only if you gave it: one of `given` is FILE.py:NAME
+    with the same last part of the path, and stands for what the input names. InputError if none is.
     """
     if not is_in_file(named):
         return named
-    if given is not None and _without_folder(given) == _without_folder(named):
-        return given
+    for own in given:
+        if _without_folder(own) == _without_folder(named):
+            return own
     raise InputError(
         f"rule {named!r} is in a file, which does not run because an input names it, expected also"
         " --rule FILE.py:NAME"

@@ -7,7 +7,7 @@ turn names.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import rule_named
@@ -27,9 +27,12 @@ from cubepath.protocol.wire.free_messages import Turn
 class FreePlaying:
     """The rules of a recording; the `FreePlayer` of its verification."""
 
-    def __init__(self, recording: Recording, rule: str | None = None) -> None:
-        """Find the rule; `unchecked` names what cannot be asked again. `rule` may be in a file."""
-        self._given = rule
+    def __init__(self, recording: Recording, files: Collection[str] = ()) -> None:
+        """Find the rule; `unchecked` names what cannot be asked again.
+
+        Of rules in files those of `files`, each FILE.py:NAME, are asked.
+        """
+        self._given = files
         self._scene = recording.scene
         self._seed = seed_in(recording.parameters)
         self._hesitate = hesitation_in(recording.parameters)

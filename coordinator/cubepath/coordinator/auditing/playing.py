@@ -8,7 +8,7 @@ so that a note that was changed is named once, and where it was said.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named, rules
@@ -36,9 +36,12 @@ _Named = tuple[str, Site | None] | None
 class Playing:
     """The rules of a recording; the `Player` of its verification."""
 
-    def __init__(self, recording: Recording, rule: str | None = None) -> None:
-        """Find the rule; `unchecked` names what cannot be asked again. `rule` may be in a file."""
-        self._given = rule
+    def __init__(self, recording: Recording, files: Collection[str] = ()) -> None:
+        """Find the rule; `unchecked` names what cannot be asked again.
+
+        Of rules in files those of `files`, each FILE.py:NAME, are asked.
+        """
+        self._given = files
         self._foreign: dict[str, list[int]] = {}
         scene, parameters = recording.scene, recording.parameters
         self._scene = scene

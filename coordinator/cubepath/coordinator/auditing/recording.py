@@ -5,6 +5,8 @@ Room: coordinator.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from cubepath.coordinator.auditing.free_playing import FreePlaying
 from cubepath.coordinator.auditing.playing import Playing
 from cubepath.coordinator.verification.findings import Progress, Verification
@@ -14,14 +16,17 @@ from cubepath.protocol.recordings.recording import Recording, recording_of
 
 
 def audit(
-    recording: Recording | Source, progress: Progress | None = None, *, rule: str | None = None
+    recording: Recording | Source,
+    progress: Progress | None = None,
+    *,
+    rules: Collection[str] = (),
 ) -> Verification:
     """Verify a recording or its file, `choices` included: each module chose as its rule does.
 
     Where the rule is not installed, or the recording does not say how it chose, that check is
-    marked as not checked. A rule in a file is asked only if you give it as `rule`, FILE.py:NAME,
-    since a recording can name any file. Nothing is raised, unless the file cannot be read, or is
-    changed while it is read.
+    marked as not checked. A rule in a file is asked only if you give it in `rules`, as
+    FILE.py:NAME, since a recording can name any file. Nothing is raised, unless the recording
+    cannot be read, or is changed while it is read.
 
     >>> found = audit("logs/golden/hex-5.mcap")
     >>> found.ok, [check.checked for check in found.checks if check.name == "choices"]
@@ -31,6 +36,6 @@ def audit(
     return verify(
         found,
         progress,
-        player=lambda: Playing(found, rule),
-        free_player=lambda: FreePlaying(found, rule),
+        player=lambda: Playing(found, rules),
+        free_player=lambda: FreePlaying(found, rules),
     )

@@ -34,8 +34,8 @@ if TYPE_CHECKING:  # a command starts faster without them
 
 _ALL = "all"
 _WHAT_IF = ("modules", "seed", "max_rounds")
-_LIVE = ("rule", "listen", "connect", "secure", "wait_for")
-_BOTH = ("processes", "patience", "output")
+_LIVE = ("listen", "connect", "secure", "wait_for")
+_BOTH = ("rule", "processes", "patience", "output")
 _PLAYER = (
     *("rate", "real_time", "until", "loop", "start_paused", "delay", "wait_for_subscribers"),
     *("wait_time", "topics", "exclude", "remap", "run", "endpoint"),
@@ -81,10 +81,6 @@ def add_branching_options(replay: argparse.ArgumentParser) -> None:
         help="the modules that are live, or all: real ones, in processes",
     )
     live.add_argument(
-        "--rule",
-        help="the rule of live modules, a name or FILE.py:NAME (default: the one on record)",
-    )
-    live.add_argument(
         "--listen",
         metavar="ENDPOINT",
         help="let others join with live modules at tcp/HOST:PORT or tls/HOST:PORT",
@@ -110,6 +106,11 @@ def add_branching_options(replay: argparse.ArgumentParser) -> None:
         type=whole(0),
         metavar="N",
         help="processes to spread the modules over; 0 keeps them all here (default 4)",
+    )
+    both.add_argument(
+        "--rule",
+        help="the rule of live modules, a name or FILE.py:NAME (default: the one on record); with"
+        " --what-if the file of the rule that the other modules follow on record",
     )
     both.add_argument(
         "--patience",
@@ -202,6 +203,8 @@ def _what_if(options: argparse.Namespace, recording: Recording, given: dict[str,
     from cubepath.coordinator.runs.continuing import what_if  # noqa: PLC0415
 
     first = _first_round(options)
+    if "rule" in given:
+        given["rules"] = [given.pop("rule")]
     with _watched() as watched:
         outcome = what_if(recording, options.what_if, from_round=first, **given, **watched)
     told = recording.parameters

@@ -67,6 +67,8 @@ def add_recording_commands(command: AddCommand) -> None:
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
     verify.add_argument(
         "--rule",
+        action="append",
+        default=[],
         metavar="FILE.py:NAME",
         help="ask the rule in this file again where a recording names a file of that name",
     )
@@ -118,8 +120,8 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _check_alone(options: argparse.Namespace) -> None:
     """Refuse the options that are for recordings."""
-    if options.rule is not None or options.require:
-        option = "--require" if options.rule is None else "--rule"
+    if options.rule or options.require:
+        option = "--rule" if options.rule else "--require"
         raise InputError(f"{option}: expected recordings alone to verify")
 
 
@@ -134,7 +136,7 @@ def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -
 
     def one(path: Path, tell: _Tell) -> _Told:
         recording = read_recording(known.get(path, path))
-        return _verified(recording, audit(recording, tell, rule=options.rule), options.require)
+        return _verified(recording, audit(recording, tell, rules=options.rule), options.require)
 
     return _each(options, "verify", one)
 
@@ -164,7 +166,7 @@ def _recover(options: argparse.Namespace, source: Source) -> int:
             if recording is None
             else _verified(
                 recording,
-                audit(recording, bar.update, rule=options.rule),
+                audit(recording, bar.update, rules=options.rule),
                 options.require,
             )
         )

@@ -333,7 +333,7 @@ def read_sweep_file(path: Path, *, own_rules: bool = True) -> Sweep:
         if not own_rules:
             table.pop("rules", None)
         for rule in _several(table["rules"]) if "rules" in table else ():
-            permitted_rule(_text("rules", rule), None)
+            permitted_rule(_text("rules", rule))
         return sweep_from_table(table, path.parent)
     except InputError as error:
         line = str(error)

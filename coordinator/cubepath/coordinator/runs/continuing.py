@@ -7,7 +7,7 @@ run like any other, in processes, and its recording names the one that it comes 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from cubepath.agents.processes.pacer import PATIENCE_S
@@ -38,6 +38,7 @@ def what_if(
     processes: int = 4,
     log: str | Path | None = None,
     patience: float = PATIENCE_S,
+    rules: Collection[str] = (),
     watch: Watch | None = None,
     say: Say | None = None,
 ) -> Outcome:
@@ -64,6 +65,8 @@ def what_if(
         processes: as for `run`, like all that follows.
         log: the recording to write; by default a new file in the folder ``logs``.
         patience: seconds.
+        rules: the rules in files that the others may follow, each ``FILE.py:NAME``: a recording can
+            name any file, so none runs that is not given here or as `rule`.
         watch: called after each round.
         say: told in a line what goes on.
 
@@ -84,7 +87,7 @@ def what_if(
             f"round {first}: {path} has {record.rounds} whole rounds{why}, expected 1 to {most}"
         )
     _check_silence(record, first)
-    stage = _stage(record, rule, first, modules, seed)
+    stage = _stage(record, rule, first, modules, seed, files=(rule, *rules))
     plan = Plan(
         system=record.recording.scene,
         rule=rule,
@@ -117,7 +120,13 @@ def _check_silence(record: OnRecord, first: int) -> None:
 
 
 def _stage(
-    record: OnRecord, rule: str, first: int, modules: Iterable[int] | None, seed: int | None
+    record: OnRecord,
+    rule: str,
+    first: int,
+    modules: Iterable[int] | None,
+    seed: int | None,
+    *,
+    files: Collection[str],
 ) -> Stage:
     """Return who follows which rule from the round on."""
     scene, path = record.recording.scene, record.recording.path
@@ -132,7 +141,7 @@ def _stage(
     for name in now.rules:
         others = [module for module in now.modules(name) if module not in set(named)]
         if others:
-            rules.setdefault(permitted_rule(name, rule), []).extend(others)
+            rules.setdefault(permitted_rule(name, files), []).extend(others)
     unknown = set(everyone) - {module for those in rules.values() for module in those}
     if unknown:
         raise InputError(

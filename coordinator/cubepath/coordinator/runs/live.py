@@ -228,7 +228,7 @@ def _rule_of(record: OnRecord, stage: Stage, live: tuple[int, ...], *, joined: b
         raise InputError(
             f"{record.recording.path}: its modules followed rules of their own, expected a rule"
         )
-    return permitted_rule(names[0], None)
+    return permitted_rule(names[0])
 
 
 def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:

@@ -55,7 +55,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
         raise _no_logs(logs)
     try:
-        rule = permitted_rule(told["rule"], plan.rule)
+        rule = permitted_rule(told["rule"], () if plan.rule is None else (plan.rule,))
         if plan.rule is not None and not is_in_file(rule):
             raise InputError("rule: the run that is resumed has its own")
         again = replace(

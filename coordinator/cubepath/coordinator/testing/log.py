@@ -7,7 +7,7 @@ with the run. A failure tells where, with the messages around that place.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -255,18 +255,19 @@ class Log:
 
     @cached_property
     def verification(self) -> Verification:
-        """What verifying the log finds, the rules of its modules asked again."""
+        """What verifying the log finds, the installed rules of its modules asked again."""
         return audit(self.recording)
 
-    def assert_legal(self) -> None:
+    def assert_legal(self, rules: Collection[str] = ()) -> None:
         """Check that everything on record is as it must be: as ``cubepath verify`` does.
 
         Every move was admissible and claimed, what was done at one time commutes, everyone heard
-        what they should, and chose as their rule says. AssertionError tells what fails, with the
-        messages around the place.
+        what they should, and chose as their rule says. A rule in a file is asked again if `rules`
+        has it, as FILE.py:NAME. AssertionError tells what fails, with the messages around it.
         """
         __tracebackhide__ = True
-        wrong = [check for check in self.verification.checks if not check.ok]
+        found = audit(self.recording, rules=rules) if rules else self.verification
+        wrong = [check for check in found.checks if not check.ok]
         if not wrong:
             return
         lines = [f"{check.name}: {short(check.detail)}" for check in wrong[:_CHECKS_MAX]]
