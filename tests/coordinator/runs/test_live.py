@@ -195,10 +195,15 @@ def test_live_modules_may_join_from_elsewhere(commands: Commands, tmp_path: Path
     """Processes of others have some of the live modules, and those they leave run here."""
     (tmp_path / "log.mcap").write_bytes(recorded(CROWD, NOTING, rounds=6).path.read_bytes())
     replay = commands.start(
-        "replay", "log.mcap", "--live=0-3", "--listen=tcp/127.0.0.1:0", "--wait-for=1"
+        "replay",
+        "log.mcap",
+        "--live=0-3",
+        "--listen=tcp/127.0.0.1:0",
+        "--wait-for=1",
+        f"--rule={NOTING}",
     )
     endpoint = replay.says(r"listening on (\S+) without TLS")[1]
-    joined = commands.start("join", f"--connect={endpoint}", "--modules=0-1")
+    joined = commands.start("join", f"--connect={endpoint}", "--modules=0-1", f"--rule={NOTING}")
     assert replay.end()[:2] == (0, "the same for 6 of 6 rounds")
     assert joined.end()[0] == 0
 

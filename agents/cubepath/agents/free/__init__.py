@@ -10,20 +10,21 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.free.fleet import ON_CRASH, FreeFleet, OnCrash
+    from cubepath.agents.free.fleet import BIRTHS, ON_CRASH, FreeFleet, OnCrash
     from cubepath.agents.free.host_node import HALT_S, FreeHostNode
     from cubepath.agents.free.orders import FreeOrders, OwnMove
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "fleet": "FreeFleet ON_CRASH OnCrash",
+            "fleet": "BIRTHS FreeFleet ON_CRASH OnCrash",
             "host_node": "FreeHostNode HALT_S",
             "orders": "FreeOrders OwnMove",
         },
     )
 
 __all__ = [
+    "BIRTHS",
     "HALT_S",
     "ON_CRASH",
     "FreeFleet",

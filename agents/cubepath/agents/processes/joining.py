@@ -93,12 +93,15 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
         liveness = Liveness(session, coordinator, coordinator)
         say(f"waiting for run {run} to begin")
         found = _ordered(session, joining, run, liveness)
-        if found.recorded is not None:
-            for name in found.recorded.rules.values():
-                permitted_rule(name)
+        given = () if joining.rule is None else (joining.rule,)
+        recorded = found.recorded
+        if recorded is not None:
+            rules = {who: permitted_rule(name, given) for who, name in recorded.rules.items()}
+            recorded = replace(recorded, rules=rules)
         orders = replace(
             found,
-            rule=permitted_rule(found.rule, () if joining.rule is None else (joining.rule,)),
+            recorded=recorded,
+            rule=permitted_rule(found.rule, given),
             endpoint=joining.connect,
             credentials=joining.credentials,
         )

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         check_output,
         check_output_folder,
         is_special,
+        locked_file,
         new_file,
         same_file,
         special_file,
@@ -124,8 +125,8 @@ else:
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
             "output_files": (
-                "STANDARD_OUTPUT appended_file check_output check_output_folder is_special new_file"
-                " same_file special_file unwritable written_whole"
+                "STANDARD_OUTPUT appended_file check_output check_output_folder is_special"
+                " locked_file new_file same_file special_file unwritable written_whole"
             ),
             "sites": (
                 "DEPTH_MAX Site in_order pairs_from_json site_from_json site_text "
@@ -202,6 +203,7 @@ __all__ = [
     "in_order",
     "is_special",
     "local_only",
+    "locked_file",
     "new_file",
     "one_to_one",
     "opened",
