@@ -21,7 +21,7 @@ Capture = pytest.CaptureFixture[str]
     [
         (["--what-if=random"], "--what-if: expected also --from, the first round of the rule"),
         (["--modules=0"], "--modules: expected --what-if beside it"),
-        (["--rule=random"], "--rule: expected --live beside it"),
+        (["--rule=random"], "--rule: expected --what-if or --live beside it"),
         (["--processes=0"], "--processes: expected --what-if or --live beside it"),
         (["--live=all", "--what-if=random", "--from=1"], "--what-if, --live: expected one of them"),
         (["--live=all", "--rate=2"], "--rate: not with --live"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -88,6 +89,12 @@ def test_only_the_coordinator_gives_orders_and_only_to_who_they_are_for(router: 
         orders.undeclare()
 
 
+def alive(session: zenoh.Session) -> list[str]:
+    """Return the keys of the tokens of runs."""
+    replies = session.liveliness().get("cubepath/*/alive/*", timeout=HEARD_S)
+    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
 def test_who_is_alive_is_not_for_others_to_say(router: Router) -> None:
     """Each declares a token of its own name; everyone is told."""
     names = ("guest", "process_0", "process_1", COORDINATOR)
@@ -101,10 +108,11 @@ def test_who_is_alive_is_not_for_others_to_say(router: Router) -> None:
             for name in ("process_0", COORDINATOR)
         ]
         with open_client(router.endpoint) as listener:
-            replies = listener.liveliness().get("cubepath/*/alive/*", timeout=HEARD_S)
-            assert [str(reply.ok.key_expr) for reply in replies if reply.ok is not None] == [
-                f"{RUN}/alive/process_0"
-            ]
+            deadline = time.monotonic() + 30
+            while not (found := alive(listener)) and time.monotonic() < deadline:
+                time.sleep(0.05)  # the router has not heard of the token yet
+            assert found == [f"{RUN}/alive/process_0"]
+            assert alive(listener) == found
         del tokens
     finally:
         for each in sessions:
