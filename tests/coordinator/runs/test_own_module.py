@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ from cubepath.coordinator.testing.seen import Seen
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.sessions import open_client, put
+from ears import wait_for_subscriber
 from recordings import parts
 
 OWN = Path(__file__).parents[2] / "own_module.py"
@@ -114,6 +116,8 @@ def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]
         )
         thread = Thread(target=meddle, daemon=True)
         thread.start()
+        with open_client(endpoint) as other:
+            wait_for_subscriber(other, "cubepath/probe/to/nobody")
         try:
             yield
         finally:
@@ -127,15 +131,24 @@ def test_what_comes_twice_and_is_asked_again_changes_nothing(
 ) -> None:
     """It says the same bytes again, and the path is the same."""
     all_heard: Counter[tuple[str, bytes]] = Counter()
+
+    def heard() -> dict[bytes, int]:
+        return {
+            data: count
+            for (_, data), count in tuple(all_heard.items())
+            if json.loads(data)["process"] == 0
+        }
+
     with rig(tmp_path / "run.mcap") as run, meddler(run.run.endpoint, all_heard):
         found = played(run)
+        records = read_recording(tmp_path / "run.mcap").records
+        said = {each.data for each in records if each.topic == "said/process_0"}
+        deadline = time.monotonic() + END_S
+        while not said <= heard().keys() and time.monotonic() < deadline:
+            time.sleep(0.05)  # the last may still be on their way
     assert found.path_digest == outcome.path_digest
-    heard = {
-        data: count for (_, data), count in all_heard.items() if json.loads(data)["process"] == 0
-    }
-    assert max(heard.values()) > 1
-    records = read_recording(tmp_path / "run.mcap").records
-    assert heard.keys() == {each.data for each in records if each.topic == "said/process_0"}
+    assert max(heard().values()) > 1
+    assert heard().keys() - said == said - heard().keys() == set()
 
 
 @pytest.mark.thorough
