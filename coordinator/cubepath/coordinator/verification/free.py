@@ -6,7 +6,7 @@ Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the ga
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from hashlib import sha256
 from itertools import groupby
@@ -24,6 +24,7 @@ from cubepath.coordinator.verification.parameters import (
     check_parameters,
     keepers_of,
     max_rounds_in,
+    processes_of,
 )
 from cubepath.coordinator.verification.results import (
     NO_END,
@@ -42,6 +43,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.credentials import process_name
 from cubepath.protocol.wire.messages import Executed, Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -49,7 +51,7 @@ FREE_CHECKS = {
     "readable": "the file is whole",
     "parameters": "they are those of a run, and fit the scene",
     "messages": "each message decodes, under its own topic and log time, and names who there is",
-    "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
+    "complete": "the run came to its end, unless recovered: a summary, all cubes, all at rest",
     "serials": "the commits of each keeper are numbered without gap, and no number has two",
     "versions": "each version of a unit or a module follows on the one before, and none has two",
     "readers": "whoever overwrites a version counts those who read it",
@@ -101,7 +103,7 @@ def verify_free(
     _check_serials(transcript, failures.stage(1))
     whole = results.summary is not None
     playing = None if player is None else player()
-    _check_said(recording, history, transcript, failures.stage(2), playing)
+    rests = _check_said(recording, history, transcript, failures.stage(2), playing)
     path = history.path()
     levels = max((each.moved.level for each in path), default=0)
     if progress is not None:
@@ -119,7 +121,7 @@ def verify_free(
     if cubes is not None:
         check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
     check_recorded_certificate(recording.scene, results, actions, fail)
-    _check_schedule(recording, history, results.summary, fail)
+    carried_out = _check_schedule(recording, history, results.summary, fail)
     if results.summary is not None:
         expected = {
             "round": levels,
@@ -133,7 +135,8 @@ def verify_free(
             "refused": results.refused,
         }
         check_summary(results.summary, expected, fail)
-        _check_ended(recording, transcript, results.summary, expected, fail)
+        arrived = bool(expected["goal_reached"]) if recording.schedule is None else carried_out
+        _check_ended(recording, transcript, results.summary, fail, arrived=arrived, rests=rests)
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     unchecked = {} if why is None else {"choices": f"not checked: {why}"}
     ending = without_end(results, cut_off=cut_off)
@@ -167,12 +170,15 @@ def _check_said(
     transcript: FreeTranscript,
     fail: Fail,
     playing: FreePlayer | None,
-) -> None:
-    """Check all that follows from what was where at which version."""
+) -> bool:
+    """Check all that follows from what was where at which version.
+
+    Return whether everybody rests at the end, and everything is known.
+    """
     keepers = keepers_of(recording)
     if keepers is None:
         fail("attempts", "without their number it is not known which keeper has what")
-        return
+        return False
     tiles = Tiles(recording.scene.system, keepers)
     Attempts(history, transcript, tiles, fail).check()
     shown = Shownness(history, tiles, fail)
@@ -180,11 +186,27 @@ def _check_said(
     summary = transcript.results.summary
     # Who fails does not wait for what keepers have at the end.
     settled = summary is not None and summary.ended in ("goal", "max-rounds")
-    ended = settled and not is_cut_off(recording)
-    # A keeper that is dead and not started again does not tell how it ends.
+    has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
+    # Who is dead and not started again does not tell how it ends.
     open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
-    Tails(history, tiles, fail).check(transcript, keepers, whole=ended, open_end=open_end)
+    whole = Tails(history, tiles, fail).check(
+        transcript, keepers, whole=has_end and settled, open_end=open_end
+    )
+    losses = transcript.losses
+    awake = [each for each in range(processes_of(recording) or 0) if not losses.at_rest(each)]
+    for process in awake if has_end else ():
+        name = process_name(process)
+        why = f"{name} does not say that it rests: its last messages may be missing"
+        losses.lack(fail, "complete", why, excused=open_end or losses.of(name) > 0)
     TurnsOfModules(history, shown, transcript, tiles, fail).check(playing)
+    return whole and not awake
+
+
+def _never_began(recording: Recording) -> bool:
+    """Return whether a run was over before it began, and nobody has said anything."""
+    over = recording.scene.reached(recording.scene.start) and recording.schedule is None
+    none = all(record.topic.endswith("/coordinator") for record in recording.records)
+    return none and (over or max_rounds_in(recording.parameters) == 0)
 
 
 def _check_edges(path: Sequence[Carried], transcript: FreeTranscript, fail: Fail) -> str:
@@ -207,18 +229,21 @@ def _check_edges(path: Sequence[Carried], transcript: FreeTranscript, fail: Fail
 
 def _check_schedule(
     recording: Recording, history: History, summary: Summary | None, fail: Fail
-) -> None:
-    """Check that moves are those of the schedule, and wait for those before them."""
+) -> bool:
+    """Check that moves are those of the schedule, and wait for those before them.
+
+    Return whether all of it is carried out.
+    """
     if recording.schedule is None:
         told = summary is not None and summary.schedule_cubes is not None
         if told or "schedule" in recording.parameters:
             fail("schedule", "there was one, but it is not on record")
-        return
+        return False
     try:
         cubes = schedule_from_jsonl(recording.schedule)
     except InputError as error:
         fail("schedule", str(error))
-        return
+        return False
     if summary is not None and summary.schedule_cubes != len(cubes):
         counted = summary.schedule_cubes
         fail("schedule", f"the summary counts {counted} cubes, there are {len(cubes)}")
@@ -231,7 +256,7 @@ def _check_schedule(
     if lacking and summary is not None and summary.ended == "goal":
         fail("schedule", f"{lacking[0][0]} at {lacking[0][1]!r} is not made")
     if lacking or stray:
-        return
+        return False
     actions = [
         recording.scene.system.action(move.generator, site)
         for cube in cubes
@@ -241,6 +266,7 @@ def _check_schedule(
     check_dependencies(
         actions, [], [[each] for each in history.actions], partial(_in_order, fail), whole=True
     )
+    return True
 
 
 def _in_order(fail: Fail, check: str, why: str) -> None:
@@ -252,14 +278,17 @@ def _check_ended(
     recording: Recording,
     transcript: FreeTranscript,
     summary: Summary,
-    expected: Mapping[str, object],
     fail: Fail,
+    *,
+    arrived: bool,
+    rests: bool,
 ) -> None:
+    """Check how the run says that it ended: where it `arrived`, and whether everybody `rests`."""
     levels = summary.rounds
     error = summary.error
     if summary.ended in ("goal", "max-rounds") and error is not None:
         fail("ended", f"it says {summary.ended}, and {error!r}")
-    if summary.ended == "goal" and not expected["goal_reached"] and recording.schedule is None:
+    if summary.ended == "goal" and not arrived and recording.schedule is None:
         fail("ended", "it says goal, which was not reached")
     most = max_rounds_in(recording.parameters)
     if summary.ended == "max-rounds" and most is not None and levels < most:
@@ -274,6 +303,8 @@ def _check_ended(
         for turn in turns.values()
         if turn.failed is not None
     }
+    if summary.ended != "goal" and arrived and rests and not gave_up:
+        fail("ended", f"it says {summary.ended}, and everybody rests at the goal")
     told = error or ""
     if told.startswith("module_") and told not in gave_up:
         why = f"it says {told!r}, which no module says"

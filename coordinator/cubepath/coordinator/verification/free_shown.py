@@ -171,10 +171,10 @@ class Tails:
 
     def check(
         self, transcript: FreeTranscript, keepers: int, *, whole: bool, open_end: bool
-    ) -> None:
+    ) -> bool:
         """Check all tails; of a `whole` recording those at the end must fit its end.
 
-        With an `open_end` that is not known for certain.
+        With an `open_end` that is not known for certain. Return whether they fit it.
         """
         last: dict[int, tuple[str, Tail]] = {}
         for where, tail in transcript.tails:
@@ -191,11 +191,14 @@ class Tails:
                 self._check_unit(where, unit)
                 self._check_keeper(where, tail.keeper, unit_in(self._history.system, unit[0]))
             last[tail.keeper] = where, tail
-        if not whole:
-            return
-        for keeper in range(keepers):
-            for why in self._at_the_end(transcript, keeper, last.get(keeper)):
-                transcript.losses.lack(self._fail, "tails", why, excused=open_end)
+        odd = [
+            why
+            for keeper in range(keepers)
+            for why in self._at_the_end(transcript, keeper, last.get(keeper))
+        ]
+        for why in odd if whole else ():
+            transcript.losses.lack(self._fail, "tails", why, excused=open_end)
+        return not odd
 
     def _at_the_end(
         self, transcript: FreeTranscript, keeper: int, last: tuple[str, Tail] | None
@@ -207,7 +210,9 @@ class Tails:
         where, tail = last
         if tail.serial != len(transcript.commits.get(keeper, ())):
             yield f"{where}: there are later commits"
-        if not tail.prepared:
+        if tail.prepared:
+            yield f"{where}: {tail.prepared} attempts are under way at the end"
+        else:
             yield from self._other_units(where, tail)
 
     def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:

@@ -41,7 +41,7 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
     free_topic,
 )
-from cubepath.protocol.wire.messages import Certified, Cube, Edges, Refused, Summary
+from cubepath.protocol.wire.messages import Certified, Cube, Edges, Refused, Summary, encode
 
 AttemptId: TypeAlias = tuple[int, int, int]
 """Which attempt: module, epoch, number."""
@@ -189,9 +189,12 @@ class FreeReading:
                     self._fail("messages", f"{where}: {name} {value}, expected less than {most}")
         if isinstance(message, Passes) and message.to == message.keeper:
             self._fail("messages", f"{where} says something to itself")
-        parts = getattr(message, "parts", None)
-        if not parts and isinstance(message, Asks | Passes | Tells | Turns):
-            self._fail("messages", f"{where} is empty")
+        if isinstance(message, Asks | Passes | Tells | Turns | Tail):
+            parts = message.parts
+            if not parts and not isinstance(message, Tail):
+                self._fail("messages", f"{where} is empty")
+            if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
+                self._fail("messages", f"{where} holds a part twice")
 
     def _sort(self, where: str, message: FreeMessage) -> None:
         if isinstance(message, Moved):
@@ -287,21 +290,13 @@ class FreeReading:
         found, results = self.found, self.found.results
         match message:
             case Edges(round=level):
-                if found.edges.setdefault(level, message) != message:
-                    self._fail("edges", f"level {level}: its edges come twice, and differ")
-            case Cube(index=index):
-                if results.cubes.setdefault(index, message) != message:
-                    self._fail("complete", f"cube {index} comes twice, and differs")
-            case Certified(certificate=certificate):
-                if results.certificate not in (None, certificate):
-                    self._fail("certificate", "the certificate comes twice, and differs")
-                results.certificate = certificate
+                if level in found.edges:
+                    self._fail("edges", f"level {level}: its edges come twice")
+                found.edges.setdefault(level, message)
+            case Cube() | Certified() | Summary():
+                results.take(message, self._fail)
             case Refused(count=count):
                 results.refused += count
-            case Summary():
-                if results.summary not in (None, message):
-                    self._fail("complete", "the summary comes twice, and differs")
-                results.summary = message
             case _:
                 pass
 
