@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from hashlib import sha256
-from itertools import groupby
+from itertools import accumulate, groupby
 
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.dependencies import check_dependencies
@@ -115,7 +115,7 @@ def verify_free(
     digest = _check_edges(path, transcript, fail)
     cubes = recorded_cubes(recording.scene, results, fail)
     counts = Counter(each.moved.level for each in path)
-    ends = [sum(counts[level] for level in range(1, last + 1)) for last in range(1, levels + 1)]
+    ends = list(accumulate(counts[level] for level in sorted(counts)))
     check_dependencies(actions, ends, cubes, fail, whole=whole)
     if cubes is not None:
         check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
