@@ -10,21 +10,20 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.free.fleet import BIRTHS, ON_CRASH, FreeFleet, OnCrash
+    from cubepath.agents.free.fleet import ON_CRASH, FreeFleet, OnCrash, log_of, read_births
     from cubepath.agents.free.host_node import HALT_S, FreeHostNode
     from cubepath.agents.free.orders import FreeOrders, OwnMove
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "fleet": "BIRTHS FreeFleet ON_CRASH OnCrash",
+            "fleet": "FreeFleet ON_CRASH OnCrash log_of read_births",
             "host_node": "FreeHostNode HALT_S",
             "orders": "FreeOrders OwnMove",
         },
     )
 
 __all__ = [
-    "BIRTHS",
     "HALT_S",
     "ON_CRASH",
     "FreeFleet",
@@ -32,4 +31,6 @@ __all__ = [
     "FreeOrders",
     "OnCrash",
     "OwnMove",
+    "log_of",
+    "read_births",
 ]

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
-from cubepath.agents.free.fleet import BIRTHS, ON_CRASH
+from cubepath.agents.free.fleet import ON_CRASH
 from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import InputError
@@ -21,6 +21,8 @@ from cubepath.protocol.core.output_files import locked_file, unwritable
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 
+_LOCK = "lock"
+"""The file in the folder of logs that is locked: no run writes to it."""
 _LOCK_S_MAX, _POLL_S = 2.0, 0.05
 """So long the keepers of a run whose launcher was killed may take to end."""
 
@@ -82,7 +84,7 @@ def locked_logs(folder: Path) -> BinaryIO:
     The lock is on a file in the folder, and stays with it when the folder is renamed.
     """
     deadline = time.monotonic() + _LOCK_S_MAX
-    path = folder / BIRTHS
+    path = folder / _LOCK
     while True:
         try:
             lock = locked_file(path)

@@ -27,6 +27,7 @@ from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.lockstep_launch import LockstepRun
+from cubepath.coordinator.runs.older_logs import check_logs
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import (
     Branch,
@@ -195,6 +196,8 @@ class Running(Standing):
         parameters = parameters_of(plan, task)
         lock = None if plan.resume is None else locked_logs(keeper_logs(plan.resume))
         try:
+            if plan.resume is not None and self._before is not None:
+                check_logs(keeper_logs(plan.resume), self._before, plan.keepers)
             writer = RecordingWriter(path, task.scene, parameters, schedule)
         except BaseException:
             if lock is not None:
