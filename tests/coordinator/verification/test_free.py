@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -16,16 +17,11 @@ from counted_lines import lines_of
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS
-from cubepath.coordinator.verification.free_history import History
-from cubepath.coordinator.verification.free_shown import Shownness
-from cubepath.coordinator.verification.free_transcript import FreeReading
-from cubepath.coordinator.verification.free_turns import TurnsOfModules
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
-from cubepath.protocol.wire.tiles import Tiles
 from free_runs import asked, free_recorded, free_run, write
 from junk import places_in
 
@@ -388,23 +384,36 @@ def test_a_recording_with_one_value_changed_is_verified_or_refused(name: str, ca
             asked(one_value_changed(recording, random))
 
 
-def lines_per_turn(moves: int) -> float:
-    """Return how many lines a turn takes to check in a run of at least so many moves."""
-    recording = free_recorded("agv:graph=grid2x2,n=2", moves=moves)
+def longer(moves: int) -> Recording:
+    """Return a run of at least so many moves of few modules, in which places change often."""
+    return free_recorded("agv:graph=grid2x2,n=2", moves=moves)
 
-    def fail(check: str, why: str) -> None:
-        pytest.fail(f"{check}: {why}")
 
-    transcript = FreeReading(recording, fail).read(recording)
-    history = History(recording.scene, transcript.of_keepers(), fail)
-    tiles = Tiles(recording.scene.system, 3)
-    shown = Shownness(history, tiles, fail)
-    shown.check(transcript)
-    turns = TurnsOfModules(history, shown, transcript, tiles, fail)
-    return lines_of(lambda: turns.check(None)) / sum(map(len, transcript.turns.values()))
+def lines_per_message(moves: int) -> float:
+    """Return how many lines a message takes to check in a run of at least so many moves."""
+    recording = longer(moves)
+    return lines_of(lambda: verify(recording)) / len(recording.records)
 
 
 @pytest.mark.slow
-def test_a_turn_takes_as_long_to_check_in_a_longer_run() -> None:
+def test_a_message_takes_as_long_to_check_in_a_longer_run() -> None:
     """However often the places around a module have changed."""
-    assert lines_per_turn(240) < 1.1 * lines_per_turn(40)
+    assert lines_per_message(240) < 1.1 * lines_per_message(40)
+
+
+def bytes_at_most(recording: Recording) -> int:
+    """Return how many bytes are allocated at once while a recording is verified."""
+    tracemalloc.start()
+    try:
+        assert verify(recording).ok
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.thorough
+def test_a_message_of_a_longer_run_takes_few_bytes() -> None:
+    """Messages are not kept: what is kept of them is far less than they are on record."""
+    short, long = longer(100), longer(800)
+    more = len(long.records) - len(short.records)
+    assert bytes_at_most(long) - bytes_at_most(short) < 150 * more

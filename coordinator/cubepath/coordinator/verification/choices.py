@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cubepath.coordinator.verification.rounds import NOTE_MIN, is_note, why_not
 from cubepath.coordinator.verification.transcript import Round, Transcript
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene
 from cubepath.protocol.wire.messages import Note
@@ -100,13 +101,20 @@ class Observing:
         `standing` has what is on at the places sensed and at its own, `notes` the registers within
         reach that are not empty; `register` is its own. What is no note of the rule is not heard.
         """
-        state = frozenset(standing.values()) | self._system.filled
+        state = self._state(standing)
         fitting = {at: note for at, note in notes.items() if is_note(note, note_length)}
         found = self._observation(module, site, (standing, state), fitting, note_length)
         if note_length:
             own = register if is_note(register, note_length) else [_NOTHING_HEARD] * note_length
             found["register"] = np.array(own, dtype=np.int32)
         return found
+
+    def may_make(self, move: Move | None, standing: Mapping[Site, Site]) -> bool:
+        """Return whether a move is one that a module may choose without rounds, as for `seen`."""
+        return _is_possible(move, self._state(standing))
+
+    def _state(self, standing: Mapping[Site, Site]) -> AbstractSet[Site]:
+        return frozenset(standing.values()) | self._system.filled
 
     def _observation(
         self,
@@ -131,14 +139,7 @@ class Observing:
                 there = near
             wanted = near in goals or (there is not None and there in goals)
             shown += [code, int(wanted)]
-        mask = [1]
-        for move in system.moves(site):
-            possible = (
-                move is not None
-                and why_not(move.action, state) is None
-                and all(source in state for source, _ in move.motion)
-            )
-            mask.append(int(possible))
+        mask = [1, *(int(_is_possible(move, state)) for move in system.moves(site))]
         found: Arrays = {
             "observation": np.array(shown, dtype=np.int32),
             "action_mask": np.array(mask, dtype=np.int8),
@@ -149,3 +150,11 @@ class Observing:
             heard += [silence] * (system.reach_slots - len(heard))
             found["notes"] = np.array(heard, dtype=np.int32)
         return found
+
+
+def _is_possible(move: Move | None, state: AbstractSet[Site]) -> bool:
+    return (
+        move is not None
+        and why_not(move.action, state) is None
+        and all(source in state for source, _ in move.motion)
+    )

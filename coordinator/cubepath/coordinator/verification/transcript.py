@@ -130,6 +130,22 @@ class Transcript:
         return tuple(self.cubes[index] for index in sorted(self.cubes))
 
 
+class SharedMoves:
+    """Keeps one object for equal moves: there are few of them in many cubes."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
+
+    def cube(self, cube: Cube) -> Cube:
+        """Return an equal cube of such moves."""
+        return replace(cube, moves=[*map(self._shared, cube.moves)])
+
+    def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
+        at = site_in(placed.at)
+        return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
+
+
 class Sorting:
     """Sorts the messages of a recording; `fail` is called for what is wrong without any derivation.
 
@@ -168,7 +184,7 @@ class Sorting:
         self._rounds: dict[int, Round] = {}
         self._count, self._highest = 0, -1
         self._closed = -inf
-        self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
+        self._moves = SharedMoves()
         # The rounds with reports, and who has reported the first that is not complete.
         self._first, self._last = inf, -inf
         self._known: frozenset[int] = frozenset()
@@ -260,7 +276,7 @@ class Sorting:
         found, fail = self.found, self._fail
         match message:
             case Cube(index=index):
-                cube = replace(message, moves=[*map(self._shared, message.moves)])
+                cube = self._moves.cube(message)
                 if found.cubes.setdefault(index, cube) != cube:
                     fail("complete", f"cube {index} comes twice, and differs")
             case Certified(certificate=certificate):
@@ -271,11 +287,6 @@ class Sorting:
                 if found.summary not in (None, message):
                     fail("complete", "the summary comes twice, and differs")
                 found.summary = message
-
-    def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
-        """Return one object for equal moves: there are few of them in many cubes."""
-        at = site_in(placed.at)
-        return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
 
     def _round(self, number: int) -> Round:
         if number < self._closed:

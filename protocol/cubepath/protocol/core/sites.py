@@ -35,6 +35,11 @@ def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
     if isinstance(value, list | tuple):
         if not deep:
             raise InputError(f"a site is lists in lists {DEPTH_MAX} deep at most, found more")
+        for item in value:
+            if type(item) is not int:
+                break
+        else:  # a cell, as nearly always: a call for each number would take thrice as long
+            return tuple(value)
         return tuple([site_from_json(item, deep - 1) for item in value])
     if isinstance(value, float) and value.is_integer():
         return int(value)  # 1.0 and 1 are one site, so they need one text
