@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.live import Divergence, LiveReplay, replay_live
     from cubepath.coordinator.runs.outcome import Outcome
-    from cubepath.coordinator.runs.plan import Plan, task_of
+    from cubepath.coordinator.runs.plan import Plan, name_part, task_of
     from cubepath.coordinator.runs.running import Running
     from cubepath.coordinator.runs.side_by_side import animate_beside
     from cubepath.coordinator.runs.states import State, states_of
@@ -55,7 +55,7 @@ else:
             "launch": "run start",
             "live": "Divergence LiveReplay replay_live",
             "outcome": "Outcome",
-            "plan": "Plan task_of",
+            "plan": "Plan name_part task_of",
             "running": "Running",
             "side_by_side": "animate_beside",
             "states": "State states_of",
@@ -96,6 +96,7 @@ __all__ = [
     "gathered_in_full",
     "info",
     "keepers_in",
+    "name_part",
     "offer",
     "render",
     "replay_live",
