@@ -8,11 +8,13 @@ import re
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
 
 from cubepath.agents.processes.join_messages import alive_key
+from cubepath.coordinator.comparison.comparing import diff
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
@@ -100,6 +102,10 @@ def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, dige
     contents = info(read_recording(commands.folder / json.loads(answer)["log"]))
     assert contents["processes"] == 1
     assert re.search(r"modules +6 in 1 processes", render(contents))
+    with chdir(commands.folder):
+        log = run(*SYSTEM[:1], "random", seed=3, max_rounds=40, processes=0, log="alone.mcap").log
+        found = diff(json.loads(answer)["log"], log)
+    assert found.parameters == {"wait_for": ("1", None), "processes": ("1", "0")}
 
 
 @pytest.mark.thorough

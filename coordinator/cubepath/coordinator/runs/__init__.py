@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.runs.commits import Released
     from cubepath.coordinator.runs.conductor import Conductor, Ending
-    from cubepath.coordinator.runs.contents import info, render
+    from cubepath.coordinator.runs.contents import counted_processes, info, render
     from cubepath.coordinator.runs.continuing import what_if
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, Sheet, run_picture, save_figure
     from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
@@ -44,7 +44,7 @@ else:
             "about": "About about_key find_run offer",
             "asking": "MOVES_MAX Status ask ask_path",
             "conductor": "Conductor Ending",
-            "contents": "info render",
+            "contents": "counted_processes info render",
             "continuing": "what_if",
             "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure",
             "edge_path": "Gathered PathDigest",
@@ -91,6 +91,7 @@ __all__ = [
     "animate_beside",
     "ask",
     "ask_path",
+    "counted_processes",
     "find_run",
     "gathered",
     "gathered_in_full",
