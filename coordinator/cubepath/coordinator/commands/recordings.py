@@ -44,7 +44,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.input_files import Source, readable
+from cubepath.protocol.core.input_files import Source, file_within, readable
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -317,7 +317,15 @@ def _named(path: Path) -> list[tuple[Path, CubepathError | None]]:
         return [(path, error)]
     if not found:
         return [(path, InputError(f"{path}: a folder without .mcap files, expected recordings"))]
-    return [(each, None) for each in found]
+    return [(each, _outside(path, each)) for each in found]
+
+
+def _outside(folder: Path, file: Path) -> InputError | None:
+    try:
+        file_within(folder, file.name)
+    except InputError as error:
+        return error
+    return None
 
 
 def _tried(path: Path, one: _One) -> _Told:

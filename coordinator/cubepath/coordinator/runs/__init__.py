@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.runs.commits import Released
     from cubepath.coordinator.runs.conductor import Conductor, Ending
-    from cubepath.coordinator.runs.contents import info, render
+    from cubepath.coordinator.runs.contents import counted_processes, info, render
     from cubepath.coordinator.runs.continuing import what_if
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, Sheet, run_picture, save_figure
     from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.live import Divergence, LiveReplay, replay_live
     from cubepath.coordinator.runs.outcome import Outcome
-    from cubepath.coordinator.runs.plan import Plan, task_of
+    from cubepath.coordinator.runs.plan import Plan, name_part, task_of
     from cubepath.coordinator.runs.running import Running
     from cubepath.coordinator.runs.side_by_side import animate_beside
     from cubepath.coordinator.runs.states import State, states_of
@@ -44,7 +44,7 @@ else:
             "about": "About about_key find_run offer",
             "asking": "MOVES_MAX Status ask ask_path",
             "conductor": "Conductor Ending",
-            "contents": "info render",
+            "contents": "counted_processes info render",
             "continuing": "what_if",
             "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure",
             "edge_path": "Gathered PathDigest",
@@ -55,7 +55,7 @@ else:
             "launch": "run start",
             "live": "Divergence LiveReplay replay_live",
             "outcome": "Outcome",
-            "plan": "Plan task_of",
+            "plan": "Plan name_part task_of",
             "running": "Running",
             "side_by_side": "animate_beside",
             "states": "State states_of",
@@ -91,11 +91,13 @@ __all__ = [
     "animate_beside",
     "ask",
     "ask_path",
+    "counted_processes",
     "find_run",
     "gathered",
     "gathered_in_full",
     "info",
     "keepers_in",
+    "name_part",
     "offer",
     "render",
     "replay_live",

@@ -87,7 +87,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "format": recording.format,
         "clock": recording.clock,
         **{key: _described(parameters, key) for key in _DESCRIBED},
-        "processes": _processes(recording),
+        "processes": _described(counted_processes(recording), "processes"),
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
         "parameters": {key: value for key, value in parameters.items() if key not in known},
@@ -112,16 +112,21 @@ def info(recording: Recording | Source) -> dict[str, Any]:
     }
 
 
-def _processes(recording: Recording) -> object:
-    """Return the number of processes; in a run that waits for some, of those that joined it."""
-    if "wait_for" not in recording.parameters:
-        return _described(recording.parameters, "processes")
-    joined: set[int] = set()
-    for message in _decoded(recording, "ready"):
-        if not isinstance(message, Ready) or message.phase != "join":
-            break
-        joined.add(message.process)
-    return len(joined) or None
+def counted_processes(recording: Recording) -> dict[str, str]:
+    """Return the parameters of a run; one that waited for processes has those that joined it too.
+
+    When the recording of such a run begins nobody knows how many there will be.
+    """
+    parameters = dict(recording.parameters)
+    if "wait_for" in parameters and "processes" not in parameters:
+        joined: set[int] = set()
+        for message in _decoded(recording, "ready"):
+            if not isinstance(message, Ready) or message.phase != "join":
+                break
+            joined.add(message.process)
+        if joined:
+            parameters["processes"] = str(len(joined))
+    return parameters
 
 
 def _described(parameters: Mapping[str, str], key: str) -> object:

@@ -365,7 +365,12 @@ def _system_name(plan: Plan, scene: Scene) -> str:
     is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
     if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
         name = Path(told).stem
-    return re.sub(r"[^\w.]+", "-", name).strip("-.")[:_NAME_MAX] or "system"
+    return name_part(name) or "system"
+
+
+def name_part(text: str) -> str:
+    """Return what of a text may stand in the name of a file, which it cannot lead elsewhere."""
+    return re.sub(r"[^\w.]+", "-", text).strip("-.")[:_NAME_MAX]
 
 
 def parameters_of(plan: Plan, task: Task) -> dict[str, str]:

@@ -17,6 +17,7 @@ from cubepath.agents.free.fleet import ON_CRASH
 from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import locked_file, unwritable
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import FREE_KINDS
@@ -51,7 +52,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
         raise InputError(f"{path}: a run in rounds, expected one without (clock=free)")
     if "schedule" in told:
         raise InputError(f"{path}: a run of a schedule, expected one of a rule")
-    logs = keeper_logs(path)
+    logs = file_within(path.parent, keeper_logs(path).name)
     if not logs.is_dir():
         if next(recording.of_kind("summary"), None) is not None:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")

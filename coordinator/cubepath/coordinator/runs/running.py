@@ -6,6 +6,7 @@ it, changes nothing.
 
 from __future__ import annotations
 
+import os
 import time
 import weakref
 from collections.abc import Callable, Generator, Iterator
@@ -188,7 +189,7 @@ class Running(Standing):
             )
         plan, task = self.plan, self._task
         path = Path(plan.log) if plan.log else Path("logs") / file_name(plan, task)
-        if plan.is_free and plan.resume is None and keeper_logs(path).exists():
+        if plan.is_free and plan.resume is None and os.path.lexists(keeper_logs(path)):
             raise InputError(
                 f"{keeper_logs(path)}: exists already, expected no logs of another run"
             )
