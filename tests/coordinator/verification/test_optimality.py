@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.verification.optimality import Refutation, check_optimality
+from cubepath.coordinator.verification.refutation_moves import Moves
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CheckError
@@ -144,8 +146,8 @@ def held() -> OptimalityProof:
 def test_clauses_are_those_of_the_definitions(spec: str, more: int) -> None:
     """The clauses are, one by one, those that the obvious way finds, refuted or not."""
     scene, told = scene_from_spec(spec), proof(spec)
-    actions = Refutation(told).actions
-    cubes = [[actions[number] for number in cube] for cube in told.schedule]
+    action = Refutation(told).action
+    cubes = [[action(number) for number in cube] for cube in told.schedule]
     same_clauses(*claim_of(scene, cubes, frozenset(told.goal), refuted=told.refuted + more))
 
 
@@ -332,6 +334,45 @@ def test_sites_and_moves_stand_once() -> None:
 
 def other_moves(told: OptimalityProof) -> list[Any]:
     return [GeneratorPlacement("no such generator", (0, 0)), *told.moves[1:]]
+
+
+def actions_in_memory() -> int:
+    gc.collect()
+    return sum(type(each) is Action for each in gc.get_objects())
+
+
+def test_the_moves_that_are_found_are_kept_as_numbers() -> None:
+    """Of thousands of moves no action stays in memory, only rows of a table."""
+    scene = scene_from_spec("triangulation:n=40,start=right,goal=up")
+    goal = frozenset(scene.goal or ()) | scene.system.filled
+    moves = Moves(scene.start_state, goal, [])
+    before = actions_in_memory()
+    moves.find(scene.system, 8)
+    assert len(moves.table.starts) > 1000
+    assert actions_in_memory() <= before
+
+
+def test_a_proof_by_windows_alone_has_no_more_than_it_needs() -> None:
+    """Variables, sites in groups, and a log that nothing asks for are refused."""
+    told = proof("polygon:n=8")
+    assert check_optimality(told).clauses == 0
+    rows = np.array([[0, 0, 1]], dtype=np.int32)
+    for name, told_too in (("variables", rows), ("ladders", [Ladder(0, 1, "on", [1])])):
+        changed: dict[str, Any] = {name: told_too}
+        assert f"there are {name}, and nothing" in refusal(told, sites=told.start, **changed)
+    groups = [Group("at most one", [0])]
+    assert "there are groups" in refusal(told, sites=told.start, groups=groups)
+    assert "there is a log" in refusal(told, log=[b"a\x00"])
+
+
+def test_moves_have_any_of_their_names() -> None:
+    """A name that no search of the system gives is one all the same, and the same move twice."""
+    told = proof("triangulation:n=9,seed=2")
+    first = told.moves[0]
+    assert isinstance(first, GeneratorPlacement)
+    turned = GeneratorPlacement(first.generator, tuple(reversed(first.at)))
+    assert check_optimality(replace(told, moves=[turned, *told.moves[1:]])).optimal
+    assert "the same as move 0" in refusal(told, moves=[*told.moves, turned])
 
 
 def test_lemmas_must_follow() -> None:

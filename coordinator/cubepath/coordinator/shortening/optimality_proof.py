@@ -9,7 +9,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import IO
 
-from cubepath.coordinator.satisfiability.clauses import OFF, ON
+import numpy as np
+
+from cubepath.coordinator.satisfiability.clauses import MOVE, OFF, ON
 from cubepath.coordinator.satisfiability.proving import Refutation
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -41,8 +43,15 @@ def proof_of(
     of the refutation is read when the proof is written.
     """
     problem, met = refuted.problem, refuted.problem.met
-    number = {action: place for place, action in enumerate(met.actions)}
-    actions, names = list(met.actions), list(met.names)
+    variables = problem.variables[: 0 if problem.impossible else None].copy()
+    moves = variables[variables[:, 0] == MOVE, 1]
+    alone = scene is None or system is None
+    # With a system only those moves are named that have a variable or stand in the schedule.
+    used = np.arange(len(met.actions)) if alone else np.unique(moves // 2)
+    variables[variables[:, 0] == MOVE, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
+    actions = [met.actions[place] for place in used.tolist()]
+    names = [met.names[place] for place in used.tolist()]
+    number = {action: place for place, action in enumerate(actions)}
     for action in (action for cube in schedule for action in cube):
         if action not in number:
             number[action] = len(actions)
@@ -62,8 +71,8 @@ def proof_of(
         solver=refuted.why,
         standing="proved",
         moves=actions if text is None else named,
-        sites=met.sites,
-        variables=problem.variables,
+        sites=() if problem.impossible else met.sites,
+        variables=variables,
         ladders=_ladders(refuted),
         groups=[
             Group("exactly one" if group.exactly else "at most one", group.sites)
