@@ -14,11 +14,12 @@ from typing import Any
 
 import pytest
 
+from cubepath.agents.environments.playing import play
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.viewing.pages import run_page
 from cubepath.coordinator.viewing.shown import Shown
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_pages import KINDS, Open, Watched, until, watched
+from watched_pages import KINDS, Open, Watched, pivoting_squares, until, watched
 
 pytestmark = pytest.mark.browser
 
@@ -115,6 +116,29 @@ def test_positions_are_those_of_the_run(spec: str, tmp_path: Path, opened: Open)
     moved = next(number for number, step in enumerate(found.shown.steps) if step)
     page.evaluate(f"cubepath.seek({moved + 0.5})")
     assert page.evaluate(drawn)[0] != start[0]
+
+
+def test_a_square_that_pivots_is_never_where_another_is(tmp_path: Path, opened: Open) -> None:
+    """On its way it is a whole cell away from those that stay, which it would slide through."""
+    scene = pivoting_squares()
+    played = play(scene, "random", seed=5, max_rounds=12)
+    run_page(Shown(scene, played.steps, played.steps), tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    least = page.evaluate(
+        """() => {
+          const { view } = cubepath, [stage] = view.stages;
+          let least = Infinity;
+          for (let t = 0; t < stage.path.steps; t += 1 / 16) {
+            cubepath.seek(t);
+            const [one, two, three] = [0, 1, 2].map((module) => stage.poseOf(module));
+            for (const [a, b] of [[one, two], [two, three], [one, three]]) {
+              least = Math.min(least, Math.hypot(a.x - b.x, a.y - b.y));
+            }
+          }
+          return least;
+        }"""
+    )
+    assert least > 0.99
 
 
 def test_the_keyboard_does_all(run: tuple[Path, Watched], opened: Open) -> None:

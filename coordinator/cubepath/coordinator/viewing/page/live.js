@@ -285,9 +285,7 @@
 
   /** Take what has come to a world. */
   function grow(world, { sites, rows, ...frame }) {
-    // There is no JSON for a number that is none: of a move that goes straight.
-    const corner = rows.corner.map((value) => value ?? NaN);
-    world.extend({ sites, rows: { ...rows, corner } });
+    world.extend({ sites, rows });
     Object.assign(world, frame);
   }
 
