@@ -176,7 +176,40 @@ def test_the_keyboard_does_all(run: tuple[Path, Watched], opened: Open) -> None:
     assert settled(page).inner_text("#which") == "Module 2"
     assert found.sites[0][0][2] in settled(page).inner_text("#details")
     press("Escape")
-    assert settled(page).inner_text("#which") == "Step 0"
+    assert settled(page).inner_text("#which") == "Round 0, cube 0"
+
+
+def test_words_name_one_step_at_a_time(run: tuple[Path, Watched], opened: Open) -> None:
+    """While it plays the heading, the captions and the slider say the same rounds and cubes."""
+    page = opened(run[0])
+    page.evaluate("cubepath.view.clock.speed = 16")
+    page.keyboard.press(" ")
+    seen = page.evaluate(
+        """() => new Promise((done) => {
+          const found = [];
+          const texts = (query) => [...document.querySelectorAll(query)]
+            .map((each) => each.innerText);
+          const look = () => {
+            const slider = document.getElementById("time").getAttribute("aria-valuetext");
+            found.push([texts("#which"), texts(".where"), slider.split("; ")]);
+            if (cubepath.view.clock.way) requestAnimationFrame(look); else done(found);
+          };
+          requestAnimationFrame(look);
+        })"""
+    )
+    headings = set()
+    for (heading,), captions, slider in seen:
+        at = [re.match(r"\w+ \d+", each)[0] for each in captions]
+        assert [re.match(r"\w+ \d+", each)[0] for each in slider] == at
+        assert heading.lower() in {", ".join(at), *at}
+        headings.add(heading)
+    assert len(headings) > 3
+    # A page that joined a run late counts rounds as the run does.
+    page.evaluate("cubepath.view.paths[0].before = 40")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    assert settled(page).inner_text("#which") == "Round 41, cube 1"
+    assert "round 41 of" in page.inner_text(".where")
 
 
 def test_a_part_is_repeated(run: tuple[Path, Watched], opened: Open) -> None:
