@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -199,8 +201,8 @@ def test_words_name_one_step_at_a_time(run: tuple[Path, Watched], opened: Open) 
     )
     headings = set()
     for (heading,), captions, slider in seen:
-        at = [re.match(r"\w+ \d+", each)[0] for each in captions]
-        assert [re.match(r"\w+ \d+", each)[0] for each in slider] == at
+        at = [each.partition(" of ")[0] for each in captions]
+        assert [each.partition(" of ")[0] for each in slider] == at
         assert heading.lower() in {", ".join(at), *at}
         headings.add(heading)
     assert len(headings) > 3
@@ -210,6 +212,32 @@ def test_words_name_one_step_at_a_time(run: tuple[Path, Watched], opened: Open) 
     page.keyboard.press("ArrowRight")
     assert settled(page).inner_text("#which") == "Round 41, cube 1"
     assert "round 41 of" in page.inner_text(".where")
+
+
+def test_marks_stand_where_their_steps_begin(tmp_path: Path, opened: Open) -> None:
+    """On the axis of the slider, none over another; a click leads there."""
+    shown = watched("hex:n=5", tmp_path).shown
+    marks = ((3, "one"), (3, "another"), (len(shown.steps), "a long word about the end of it"))
+    run_page(replace(shown, marks=marks), tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    boxes = [each.bounding_box() for each in page.locator("#marks button").all()]
+    texts = page.locator("#marks button").all_inner_texts()
+    assert texts == [f"round {step}: {words}" for step, words in marks]
+    axis = page.locator("#chart").bounding_box()
+    lanes = page.evaluate(
+        "[cubepath.view.charts.schedule.lanes.x(2), cubepath.view.clock.steps - 1]"
+    )
+    assert boxes[0]["x"] == pytest.approx(axis["x"] + lanes[0], abs=1)
+    end = page.evaluate(f"cubepath.view.charts.schedule.lanes.x({lanes[1]})")
+    assert boxes[2]["x"] + boxes[2]["width"] == pytest.approx(axis["x"] + end, abs=1)
+    for one, other in combinations(boxes, 2):
+        aside = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
+        assert aside or abs(one["y"] - other["y"]) >= one["height"]
+    page.locator("#marks button").last.click()
+    assert position(page) == len(shown.steps)
+    assert marks[2][1] in settled(page).inner_text("#details")
+    page.select_option("select >> nth=0", "1")
+    assert not settled(page).is_visible("#marks")
 
 
 def test_a_part_is_repeated(run: tuple[Path, Watched], opened: Open) -> None:

@@ -66,6 +66,9 @@
       }
       if (end - begin > SHOWN) list.append(element("li", { class: "quiet" }, `and ${end - begin - SHOWN} more`));
       if (end === begin) list.append(element("li", { class: "quiet" }, step ? "no move" : "the start"));
+      for (const [at, words] of path.data.marks ?? []) {
+        if (at === step) parts.push(element("p", { class: "mark" }, words));
+      }
       parts.push(list);
       this._claims(parts, path, step);
       this._heard(parts, path, step);

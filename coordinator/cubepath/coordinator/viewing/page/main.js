@@ -125,6 +125,7 @@
     /** Forget what was kept of the drawing. */
     forget() {
       for (const part of [...this.stages, ...Object.values(this.charts)]) part.forget();
+      cubepath.writeMarks(byId("marks"), this);
       this._legend();
       this.changed();
     }
