@@ -68,6 +68,7 @@ def test_the_table_says_of_which_part_its_numbers_are(capsys: pytest.CaptureFixt
     ("words", "said"),
     [
         ("--rate 2 --real-time", "--rate and --real-time: expected one of the two"),
+        ("--max-gap 2", "--max-gap: expected --real-time or --rate with it"),
         ("--real-time=0", "argument --real-time: expected a number of at least 0.00001"),
         (
             "--rate 0x",

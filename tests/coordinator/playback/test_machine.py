@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -124,6 +125,25 @@ def test_real_time_follows_the_publish_times() -> None:
     assert found.at == pytest.approx(
         [BEGAN + (record.wall_ns - first) / 2e9 for record in found.put]
     )
+
+
+@pytest.mark.parametrize("rate", ["2x", "0.5x", "1"])
+def test_no_gap_is_longer_than_it_may_be(rate: str) -> None:
+    """Longer ones are cut, shorter ones stay, at any rate and also where it was paused in one."""
+    whole, cut = driven(rate=rate), driven(rate=rate, max_gap_s=0.2)
+    for found in (whole, cut):
+        found.until(BEGAN + 100)
+    assert cut.numbers == whole.numbers
+    assert gaps(cut) == pytest.approx([min(gap, 0.2) for gap in gaps(whole)], abs=1e-6)
+    paused = driven(rate=rate, max_gap_s=0.2).until(BEGAN + 0.15).tell("pause").until(BEGAN + 50)
+    assert paused.numbers == reports(1)
+    assert paused.tell("play").until(BEGAN + 50.04).numbers == reports(1)
+    assert paused.until(BEGAN + 50.06).numbers == reports(1, 2)
+
+
+def gaps(found: Driven) -> list[float]:
+    """Return the times between the messages that were put."""
+    return [after - before for before, after in pairwise(found.at)]
 
 
 def test_a_delay_comes_first() -> None:

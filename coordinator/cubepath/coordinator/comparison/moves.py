@@ -164,6 +164,12 @@ def _goals_text(a: Scene, b: Scene) -> str | None:
     return None
 
 
+def first_other(one: Sequence[Action], two: Sequence[Action]) -> int | None:
+    """Return where the moves of two paths differ first, from 0; None if they are the same."""
+    both = enumerate(zip_longest(one, two))
+    return next((number for number, (move, other) in both if move != other), None)
+
+
 class FilesCompared(NamedTuple):
     """What comparing the moves of two files finds."""
 
@@ -187,14 +193,7 @@ def compare_files(
     notes += [
         f"{name} {odd}" for name, each in zip("ab", (one, two), strict=True) for odd in each.odd
     ]
-    first = next(
-        (
-            number
-            for number, moves in enumerate(zip_longest(one.actions, two.actions))
-            if moves[0] != moves[1]
-        ),
-        None,
-    )
+    first = first_other(one.actions, two.actions)
     move = None
     if first is not None:
         labels = [_label(each.actions, first) for each in (one, two)]

@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import counted_processes, info, render
     from cubepath.coordinator.runs.continuing import what_if
-    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, Sheet, run_picture, save_figure
+    from cubepath.coordinator.runs.drawing import (
+        PICTURE_SUFFIXES,
+        Sheet,
+        run_picture,
+        save_figure,
+        scene_picture,
+    )
     from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
     from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
@@ -46,7 +52,7 @@ else:
             "conductor": "Conductor Ending",
             "contents": "counted_processes info render",
             "continuing": "what_if",
-            "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure",
+            "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure scene_picture",
             "edge_path": "Gathered PathDigest",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "free_gatherer": "FreeGatherer keepers_in",
@@ -104,6 +110,7 @@ __all__ = [
     "run",
     "run_picture",
     "save_figure",
+    "scene_picture",
     "start",
     "states_of",
     "task_of",
