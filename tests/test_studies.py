@@ -236,6 +236,7 @@ def test_the_best_schedules_lead_to_the_goal(system: str, tmp_path: Path) -> Non
     assert end_state(found, scene.start_state) == scene.goal | scene.system.filled
 
 
+@pytest.mark.slow
 def test_a_best_that_can_be_beaten_fails_the_nightly_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
