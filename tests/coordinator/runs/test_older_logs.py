@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.free.fleet import log_of, next_births
+from cubepath.agents.free.fleet import BIRTHS, log_of, next_births
 from cubepath.agents.keepers.attempts import chain_of, planned
 from cubepath.agents.keepers.journal import (
     Acknowledged,
@@ -110,6 +110,19 @@ def test_a_log_that_lacks_what_others_know_is_refused(
     assert "older" in kept.refusal()
     log_of(kept.folder, keeper).mkdir()
     assert kept.refusal().endswith("Is a directory, expected a keeper's log")
+
+
+@pytest.mark.slow
+def test_births_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
+    """The next ones would not be later than those before."""
+    kept = Kept(tmp_path)
+    before = (kept.folder / BIRTHS).read_bytes()
+    births = next_births(kept.folder, "other")
+    with FileJournal(log_of(kept.folder, 1), Opened(births.run, 1, births.birth)):
+        pass
+    assert not kept.refusal()
+    (kept.folder / BIRTHS).write_bytes(before)
+    assert re.search(r"births: the birth is 1, .* was opened in birth 1000001", kept.refusal())
 
 
 @pytest.mark.parametrize("spec", ["hex:n=5", "arm:n=6", "agv:graph=grid6x6,n=6"])

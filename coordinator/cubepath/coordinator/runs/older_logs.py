@@ -12,7 +12,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-from cubepath.agents.free.fleet import log_of, read_births
+from cubepath.agents.free.fleet import BIRTHS, Births, log_of, read_births
 from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.keepers.journal import (
     Acknowledged,
@@ -38,6 +38,7 @@ from cubepath.protocol.wire.free_messages import (
     Tells,
     decode_free,
 )
+from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 from cubepath.protocol.wire.tiles import Tiles
 
 _Number: TypeAlias = tuple[int, ...]
@@ -141,8 +142,15 @@ class _Known:
         if number[-1] and number > self._told.get(key, ((), where))[0]:
             self._told[key] = number, where
 
-    def check(self) -> None:
-        """Check that the logs have what must be there; InputError if not."""
+    def check(self, births: Births) -> None:
+        """Check that the logs, and their births, have what must be there; InputError if not."""
+        for key, (birth, *_) in self._has.items():
+            if key.what == _OPENED and birth >= births.birth + BIRTHS_OF_A_FLEET:
+                raise InputError(
+                    f"{self._folder / BIRTHS}: the birth is {births.birth}, expected a later"
+                    f" one, as {log_of(self._folder, key.keeper)} was opened in birth {birth}:"
+                    " it is older"
+                )
         for key, (number, where) in self._told.items():
             found = self._has.get(key, ())
             if found < number:
@@ -165,14 +173,13 @@ def _text(number: _Number) -> str:
 
 def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
     """Check that no log of a keeper lacks what others know of it; InputError if one does."""
-    births = read_births(folder)
-    run = "" if births is None else births.run
+    births = read_births(folder) or Births("", 0)  # without births there are no logs
     known = _Known(folder, recording.scene, keepers)
     for keeper in range(keepers):
         path = log_of(folder, keeper)
         try:
             with path.open("rb") as file:
-                for line in read_log(path, file, run, keeper):
+                for line in read_log(path, file, births.run, keeper):
                     known.record(keeper, line.record, path)
         except FileNotFoundError:
             continue  # its keeper may never have been started
@@ -182,4 +189,4 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
             ) from None
     for record in recording.of_kind("moved", "tail", "tell"):
         known.message(decode_free(record.data), recording.path)
-    known.check()
+    known.check(births)
