@@ -68,7 +68,7 @@ class Encoding:
     impossible: bool
 
     @cached_property
-    def _made(self) -> NDArray[np.int64]:
+    def made(self) -> NDArray[np.int64]:
         """The places of the variables of moves, which are all but those of sites and prefixes."""
         return np.flatnonzero(self.variables[:, 0] == MOVE)
 
@@ -77,7 +77,7 @@ class Encoding:
 
         `true` has shape (variables,). Empty rounds are left out.
         """
-        made = self._made[true[self._made]]
+        made = self.made[true[self.made]]
         cubes: list[list[Action]] = [[] for _ in range(self.rounds)]
         for _, index, turn in self.variables[made].tolist():
             cubes[turn - 1].append(self.met.actions[index // 2])

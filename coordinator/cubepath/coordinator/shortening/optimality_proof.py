@@ -11,7 +11,7 @@ from typing import IO
 
 import numpy as np
 
-from cubepath.coordinator.satisfiability.clauses import MOVE, OFF, ON
+from cubepath.coordinator.satisfiability.clauses import OFF, ON
 from cubepath.coordinator.satisfiability.proving import Refutation
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -43,12 +43,13 @@ def proof_of(
     of the refutation is read when the proof is written.
     """
     problem, met = refuted.problem, refuted.problem.met
-    variables = problem.variables[: 0 if problem.impossible else None].copy()
-    moves = variables[variables[:, 0] == MOVE, 1]
+    needed = 0 if problem.impossible else None
+    variables, made = problem.variables[:needed].copy(), problem.made[:needed]
+    moves = variables[made, 1]
     alone = scene is None or system is None
     # With a system only those moves are named that have a variable or stand in the schedule.
     used = np.arange(len(met.actions)) if alone else np.unique(moves // 2)
-    variables[variables[:, 0] == MOVE, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
+    variables[made, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
     actions = [met.actions[place] for place in used.tolist()]
     names = [met.names[place] for place in used.tolist()]
     number = {action: place for place, action in enumerate(actions)}

@@ -43,7 +43,7 @@ class Moves:
         goal: frozenset[Site],
         listed: Sequence[GeneratorPlacement | Action],
     ) -> None:
-        """Begin without moves; `start` and `goal` are whole states, `listed` the proof's moves."""
+        """Begin without moves, between two states; `listed` are the moves of the proof."""
         self.sites = Ordinals[Site]()
         self.start, self.goal = start, goal
         for site in in_order(start | goal):
