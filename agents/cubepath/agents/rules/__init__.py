@@ -12,7 +12,14 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
-    from cubepath.agents.rules.asked import check_seeds, own_rule, scene_and_rule
+    from cubepath.agents.rules.asked import (
+        check_seeds,
+        fitting_rules,
+        misfit,
+        own_rule,
+        rule_for,
+        scene_and_rule,
+    )
     from cubepath.agents.rules.attempting import attempt_of
     from cubepath.agents.rules.network import (
         ACTIVATIONS,
@@ -35,7 +42,6 @@ if TYPE_CHECKING:
         find_rule,
         rule_named,
         rules,
-        rules_for,
         unknown_rule,
     )
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
@@ -61,12 +67,12 @@ else:
         __name__,
         {
             "actor": "Actor actors_for",
-            "asked": "check_seeds own_rule scene_and_rule",
+            "asked": "check_seeds fitting_rules misfit own_rule rule_for scene_and_rule",
             "attempting": "attempt_of",
             "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
             "recorded": "RECORDED Recorded RecordedChoice as_recorded",
-            "registry": "CLOCKS BUILT_IN find_rule rule_named rules rules_for unknown_rule",
+            "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "RULE_MODULE forget_rule_files is_in_file permitted_rule",
             "schedule": "SCHEDULE scheduled",
@@ -111,16 +117,18 @@ __all__ = [
     "draw_below",
     "draw_fraction",
     "find_rule",
+    "fitting_rules",
     "forget_rule_files",
     "is_in_file",
+    "misfit",
     "network_rule",
     "own_rule",
     "permitted_rule",
     "policy_rule",
     "read_network",
+    "rule_for",
     "rule_named",
     "rules",
-    "rules_for",
     "scene_and_rule",
     "scheduled",
     "stream",

@@ -13,8 +13,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
-from cubepath.agents.rules.asked import own_rule
-from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
+from cubepath.agents.rules.asked import own_rule, rule_for
+from cubepath.agents.rules.registry import find_rule, unknown_rule
 from cubepath.agents.rules.rule_files import forget_rule_files, permitted_rule
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
@@ -277,7 +277,7 @@ def _of_scene(
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:
-            rule_named(rule, scene.system, clock)
+            rule_for(rule, scene, clock)
             _check_core(core, clock, rates)
         except InputError as error:
             line = _said(instance.label, error)
