@@ -209,6 +209,19 @@ def test_who_is_halted_lets_go() -> None:
     assert alone.step() == [_asked(0, 4), _asked(1, 5), _asked(2, 6)]
 
 
+def test_who_is_halted_while_it_thinks_gives_that_up() -> None:
+    """It asks nobody, rests, and chooses anew when it goes on."""
+    alone = Alone(Pace(factor=100.0))
+    alone.step(2.0)
+    assert alone.mover.state == "thinking"
+    alone.mover.halted = True
+    assert alone.step() == []
+    assert alone.mover.rests
+    alone.mover.halted = False
+    alone.step(2.0)
+    assert alone.mover.state == "thinking"
+
+
 def test_who_is_taken_along_has_its_new_place_held() -> None:
     """It lets go of what it sensed before."""
     alone = Alone()

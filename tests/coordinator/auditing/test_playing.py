@@ -137,7 +137,6 @@ def test_a_note_is_compared_with_the_choice_of_the_round_before() -> None:
         ({"rule": "mine"}, "rule 'mine' is not installed"),
         ({"rule": None}, "the recording names no rule"),
         ({"hesitate": None}, "the recording names no hesitate"),
-        ({"rule": "schedule"}, "the schedule is not on record"),
     ],
 )
 def test_what_cannot_be_asked_again_is_said_not_to_be_checked(

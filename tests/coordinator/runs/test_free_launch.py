@@ -9,15 +9,17 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs import free_launch
+from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.outcome import Outcome
@@ -29,6 +31,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.wire.free_messages import Moved, decode_free
+from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.nodes import Effect
 
 CHAIN = "hex:n=6"
 SLOW = dict.fromkeys(range(6), 4.0)
@@ -49,6 +54,50 @@ def wounded(
     rig.until_moves(after)
     rig.kill(name)
     return rig.play(failing=failing)
+
+
+@pytest.mark.slow
+def test_a_commit_that_contradicts_others_is_on_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run fails, and `verify` finds what it failed for."""
+    honest = Collector.receive
+    moves = count(1)
+
+    def altered(collector: Collector, key: str, data: bytes) -> list[Effect]:
+        message = decode_free(data)
+        if isinstance(message, Moved) and message.generator and next(moves) == 3:
+            data = encode(structs.replace(message, level=message.level + 1))
+        return honest(collector, key, data)
+
+    monkeypatch.setattr(Collector, "receive", altered)
+    log = tmp_path / "run.mcap"
+    outcome = run(Plan(system=CHAIN, clock="free", processes=2, keepers=2, log=log))
+    assert outcome.ended == "failed"
+    assert "expected" in str(outcome.error)
+    failing = [check.name for check in audit(read_recording(log)).checks if not check.ok]
+    assert "levels" in failing
+
+
+@pytest.mark.parametrize(
+    ("system", "ended"), [("triangulation:n=5", "goal"), (CHAIN, "max-rounds")]
+)
+def test_a_run_that_is_over_before_it_begins_holds(tmp_path: Path, system: str, ended: str) -> None:
+    """Nobody has to rest who was never there."""
+    log = tmp_path / "run.mcap"
+    plan = Plan(system=system, rule="random", clock="free", processes=2, max_rounds=0, log=log)
+    assert run(plan).ended == ended
+    sound(log)
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_at_its_goal_has_reached_it(tmp_path: Path) -> None:
+    """When all have come to rest there, it says goal, and `verify` would find anything else."""
+    log = tmp_path / "run.mcap"
+    with start(CHAIN, clock="free", processes=2, keepers=2, log=log) as running:
+        running.until(lambda run: run.gathered.reached)
+        assert running.stop().ended == "goal"
+    sound(log)
 
 
 @pytest.mark.slow

@@ -5,25 +5,23 @@ from __future__ import annotations
 import json
 import tracemalloc
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import pytest
 
+from changed_values import put
 from counted_lines import lines_of
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS
 from cubepath.coordinator.verification.recording import recover, verify
-from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
+from free_numbers import numbered
 from free_runs import asked, free_recorded, free_run, write
-from junk import places_in
 
 SPECS = (
     "agv:graph=grid6x6,n=6",
@@ -57,16 +55,6 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, 
             yield from leaves(each, (*path, key))
     else:
         yield path, value
-
-
-def put(value: Any, path: tuple[Any, ...], new: Any) -> Any:
-    """Return a document with another value at a place."""
-    if not path:
-        return new
-    key, *rest = path
-    made = dict(value) if isinstance(value, dict) else list(value)
-    made[key] = put(value[key], tuple(rest), new)
-    return made
 
 
 def other(value: Any) -> Any:
@@ -286,7 +274,8 @@ def test_what_is_recovered_of_a_cut_recording_is_right_as_far_as_it_goes(tmp_pat
 def test_a_log_by_wall_time_is_checked_by_it(tmp_path: Path) -> None:
     """Both ways of keeping log time pass; a log time of neither is found."""
     scene, messages = free_run("agv:graph=grid6x6,n=6", moves=10)
-    recording = read_recording(write(tmp_path / "a.mcap", scene, messages, wall=True))
+    said = numbered(messages)
+    recording = read_recording(write(tmp_path / "a.mcap", scene, said, wall=True))
     assert failing(asked(recording)) == {"complete"}
     told = replace(recording, parameters={**recording.parameters, "log_time": "level"})
     assert "messages" in failing(asked(told))
@@ -324,64 +313,6 @@ def test_a_unit_of_a_tail_that_the_system_does_not_have_is_found(place: object) 
     changed = put(document, ("units", 0, 0), place)
     failed = failing(asked(with_document(recording, number, changed)))
     assert failed & {"tails", "messages"}
-
-
-VALUES: tuple[Any, ...] = (
-    None,
-    True,
-    -1,
-    0,
-    1 << 70,
-    1.5,
-    "",
-    "x",
-    [],
-    {},
-    [0],
-    ["x", 0],
-    [0, 0, 0],
-    [[0], 0],
-)
-
-
-def one_value_changed(recording: Recording, random: Random) -> Recording:
-    """Return the recording with one value of one message changed; all kinds are as likely."""
-    kind = random.choice(sorted({record.kind for record in recording.records}))
-    place = random.choice([n for n, each in enumerate(recording.records) if each.kind == kind])
-    document = json.loads(recording.records[place].data)
-    path = random.choice(places_in(document)[1:])
-    value = document
-    for key in path:
-        value = value[key]
-    others = [*VALUES]
-    if isinstance(value, list):
-        others += [value[:-1], value[1:], [*value, 0], [*value, *value[:1]], [value]] * 2
-    elif isinstance(value, str | int):
-        others.append(other(value))
-    return with_document(recording, place, put(document, path, random.choice(others)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "cases"),
-    [
-        ("agv-labelled:graph=grid3x3,n=3", 60),
-        *(
-            pytest.param(name, 100, marks=[pytest.mark.thorough, pytest.mark.timeout(400)])
-            for name in ("agv-labelled:graph=grid3x3,n=3", "hex-free-5", "hex-5")
-        ),
-    ],
-)
-def test_a_recording_with_one_value_changed_is_verified_or_refused(name: str, cases: int) -> None:
-    """In either clock nothing but an error for the user is raised, whatever the value is."""
-    if ":" in name:
-        recording = free_recorded(name, moves=4, keepers=2, restarts=1)
-    else:
-        recording = read_recording(f"logs/golden/{name}.mcap")
-    random = Random(cases)  # noqa: S311 - not for secrets
-    for _ in range(cases):
-        with suppress(InputError, CheckError):
-            asked(one_value_changed(recording, random))
 
 
 def longer(moves: int) -> Recording:

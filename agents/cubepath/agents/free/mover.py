@@ -283,8 +283,12 @@ class Mover:
 
     def _thought(self, now_s: float, sensing: Sensing) -> list[Ask]:
         attempt = self._attempt
-        if now_s < self.due_s or attempt is None:
+        if attempt is None or not (self.halted or now_s >= self.due_s):
             return []
+        if self.halted:  # it begins nothing new, and this has not begun
+            self._attempt = None
+            self._rests(now_s, 0.0)
+            return self._choose(now_s, sensing)
         if not self._still(attempt, sensing):
             self._attempt = None
             self._misses += 1

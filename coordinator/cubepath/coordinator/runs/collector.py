@@ -14,6 +14,7 @@ from cubepath.agents.processes.judge import RefusedError
 from cubepath.agents.processes.refusals import Refusals
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.heard import Heard
+from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Fetch,
@@ -67,6 +68,8 @@ class Collector(Node):
         """The last answer of each keeper, since these were last cleared."""
         self.resting: set[int] = set()
         """Processes that have said so since this was last cleared."""
+        self.contradiction: CheckError | None = None
+        """What was wrong with the first message that contradicts others, or cannot be."""
         self._run = run
         self._modules_of = [frozenset(modules) for modules in modules_of]
         self._keepers = keepers
@@ -81,7 +84,7 @@ class Collector(Node):
         return [Listen((everything(self._run),)), *self.fetch(), Timer(LOOK_S)]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; CheckError if commits contradict each other, or cannot be."""
+        """Take a message, which goes on record even if it is a `contradiction`."""
         try:
             message = _read(self._run, key, data)
             self._check_speaker(message)
@@ -105,7 +108,10 @@ class Collector(Node):
                 self.resting.add(process)
             case _:
                 pass
-        self.gatherer.take(message)
+        try:
+            self.gatherer.take(message)
+        except CheckError as error:
+            self.contradiction = self.contradiction or error
         return [Keep(data, message), *more]
 
     def forget(self, name: str) -> None:

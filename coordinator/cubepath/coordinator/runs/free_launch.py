@@ -201,16 +201,34 @@ class FreeRun:
             self._fleet = self._shell = None
             self._resources.close()
 
-    def interrupted(self) -> None:
-        """Let what is under way come to its end, for a short while."""
+    def interrupted(self) -> Ending:
+        """Let what is under way come to its end, for a short while; return how the run ends."""
         if self._shell is not None and self._begun:
             self._check = lambda: None
             with contextlib.suppress(CubepathError):
                 self._settle(self._shell, self.fleet, _INTERRUPT_S_MAX)
+        return Ending("goal") if self._is_over else Ending("interrupted", "interrupted")
 
     def failed(self, error: str) -> Ending:
-        """Return the end of a run that failed."""
-        return Ending("failed", error)
+        """Return the end of a run that failed, unless it was over already."""
+        return Ending("goal") if self._is_over else Ending("failed", error)
+
+    @property
+    def _is_over(self) -> bool:
+        """Return whether all modules rest where they had to go, and everything is known."""
+        if not self._begun or self.gathered.failed is not None or not self._has_arrived:
+            return False
+        collector = self._collector
+        everybody = set(range(min(self.plan.processes, len(self.task.scene.start))))
+        return (
+            collector.contradiction is None and everybody <= collector.resting and collector.settled
+        )
+
+    @property
+    def _has_arrived(self) -> bool:
+        if self.task.assignment is not None:
+            return self.gathered.moves >= sum(map(len, self.task.assignment.cubes))
+        return self.gathered.reached
 
     def conclude(self, ending: Ending) -> None:
         """Write what came of the run."""
@@ -298,8 +316,11 @@ class FreeRun:
         if ending is None:
             return None
         self._settle(shell, fleet)
+        if self._is_over:
+            return Ending("goal")
         if ending.ended != "goal" or self.gathered.reached:
             return ending
+        collector.resting.clear()
         shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
         self._past_goal = True
         return None
@@ -335,10 +356,7 @@ class FreeRun:
         gathered, collector, plan = self.gathered, self._collector, self.plan
         if gathered.failed is not None:
             return Ending("failed", gathered.failed)
-        if self.task.assignment is not None:
-            if gathered.moves >= sum(map(len, self.task.assignment.cubes)):
-                return Ending("goal")
-        elif gathered.reached:
+        if self._has_arrived:
             return Ending("goal")
         if collector.level >= self.task.max_rounds:
             return Ending("max-rounds")
@@ -414,6 +432,8 @@ class FreeRun:
     def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
         self.refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
+        if self._collector.contradiction is not None:
+            raise self._collector.contradiction
 
     def _write(self, message: FreeMessage, data: bytes, wall_ns: int) -> None:
         self._level = max(self._level, level_of(message))

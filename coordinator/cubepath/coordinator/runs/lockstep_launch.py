@@ -132,8 +132,9 @@ class LockstepRun:
             self._watch(conductor.gatherer)
         return conductor.between(number, fleet.end_schedule)
 
-    def interrupted(self) -> None:
+    def interrupted(self) -> Ending:
         """Do nothing: the round that was interrupted is left as it is."""
+        return Ending("interrupted", "interrupted")
 
     def announce(self, ending: Ending) -> None:
         """Tell whoever listens what came of the run, while the router is there."""

@@ -34,9 +34,9 @@ from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.tiles import Tiles
 
 MAX_ROUNDS = 1000
-KEEPERS_MAX = 256
 SPEED_MAX = 10_000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
@@ -274,8 +274,8 @@ def _check_free(plan: Plan) -> None:
         raise InputError("log-time=round: without rounds (clock=free), expected level or wall")
     if plan.processes < 1:
         raise InputError(f"processes={plan.processes}: expected 1 or more with clock=free")
-    if not 1 <= plan.keepers <= KEEPERS_MAX:
-        raise InputError(f"keepers={plan.keepers}: expected 1 to {KEEPERS_MAX}")
+    if not 1 <= plan.keepers <= Tiles.keepers_max:
+        raise InputError(f"keepers={plan.keepers}: expected 1 to {Tiles.keepers_max}")
     for module, factor in plan.speeds.items():
         if not 0.0 < factor <= SPEED_MAX:
             raise InputError(

@@ -417,7 +417,7 @@ class Running(Standing):
         try:
             with self._turns.act():
                 if ending.ended == "interrupted":
-                    driver.interrupted()
+                    ending = self._ending = driver.interrupted()
                 with suppress(CubepathError):  # what comes of the run is found once more
                     driver.announce(ending)
         finally:

@@ -54,8 +54,8 @@ class Driver(Protocol):
         """Go on by a round, or by a message; return how the run has ended."""
         ...
 
-    def interrupted(self) -> None:
-        """Let what is under way come to its end, for a short while."""
+    def interrupted(self) -> Ending:
+        """Let what is under way come to its end, for a short while; return how the run ends."""
         ...
 
     def announce(self, ending: Ending) -> None:

@@ -6,7 +6,7 @@ Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the ga
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from hashlib import sha256
 from typing import NamedTuple
@@ -30,6 +30,7 @@ from cubepath.coordinator.verification.parameters import (
     check_parameters,
     keepers_of,
     max_rounds_in,
+    processes_of,
 )
 from cubepath.coordinator.verification.results import (
     NO_END,
@@ -50,6 +51,7 @@ from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.wire.credentials import process_name
 from cubepath.protocol.wire.free_messages import (
     Asks,
     FreeMessage,
@@ -67,7 +69,7 @@ FREE_CHECKS = {
     "readable": "the file is whole",
     "parameters": "they are those of a run, and fit the scene",
     "messages": "each message decodes, under its own topic and log time, and names who there is",
-    "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
+    "complete": "the run came to its end, unless recovered: a summary, all cubes, all at rest",
     "serials": "the commits of each keeper are numbered without gap, and no number has two",
     "versions": "each version of a unit or a module follows on the one before, and none has two",
     "readers": "whoever overwrites a version counts those who read it",
@@ -122,7 +124,7 @@ def verify_free(
     _check_serials(transcript, failures.stage(1))
     whole = results.summary is not None
     playing = None if player is None else player()
-    _check_said(recording, history, transcript, failures, playing)
+    rests = _check_said(recording, history, transcript, failures, playing)
     path = history.path()
     levels = int(path.levels[-1]) if len(path.levels) else 0
     if progress is not None:
@@ -141,7 +143,7 @@ def verify_free(
     if cubes is not None:
         check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
     check_recorded_certificate(recording.scene, results, actions, fail)
-    _check_schedule(recording, path, results.summary, fail)
+    carried_out = _check_schedule(recording, path, results.summary, fail)
     if results.summary is not None:
         expected = {
             "round": levels,
@@ -155,7 +157,8 @@ def verify_free(
             "refused": results.refused,
         }
         check_summary(results.summary, expected, fail)
-        _check_ended(recording, transcript, results.summary, expected, fail)
+        arrived = bool(expected["goal_reached"]) if recording.schedule is None else carried_out
+        _check_ended(recording, transcript, results.summary, fail, arrived=arrived, rests=rests)
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     unchecked = {} if why is None else {"choices": f"not checked: {why}"}
     ending = without_end(results, cut_off=cut_off)
@@ -189,13 +192,16 @@ def _check_said(
     transcript: FreeTranscript,
     failures: Failures,
     playing: FreePlayer | None,
-) -> None:
-    """Check all that follows from what was where at which version, message by message."""
+) -> bool:
+    """Check all that follows from what was where at which version, message by message.
+
+    Return whether everybody rests at the end, and everything is known.
+    """
+    fail = failures.stage(2)
     keepers = keepers_of(recording)
     if keepers is None:
-        why = "without their number it is not known which keeper has what"
-        failures.stage(2)("attempts", why)
-        return
+        fail("attempts", "without their number it is not known which keeper has what")
+        return False
     tiles = Tiles(recording.scene.system, keepers)
     checks = _Checks(
         Attempts(history, transcript, tiles, failures.stage(2)),
@@ -211,11 +217,21 @@ def _check_said(
         checks.take(record, message)
     checks.attempts.end()
     checks.shown.end()
-    if _is_settled(recording, transcript):
-        # A keeper that is dead and not started again does not tell how it ends.
-        crashed = recording.parameters.get("on_crash") == "continue"
-        checks.tails.end(keepers, open_end=crashed or transcript.broken_off)
+    summary = transcript.results.summary
+    has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
+    # A run that fails does not wait for what keepers have at the end.
+    settled = summary is not None and summary.ended in ("goal", "max-rounds")
+    # A process that is dead and not started again does not tell how it ends.
+    open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
+    whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
+    losses = transcript.losses
+    awake = [each for each in range(processes_of(recording) or 0) if not losses.at_rest(each)]
+    for process in awake if has_end else ():
+        name = process_name(process)
+        why = f"{name} does not say that it rests: its last messages may be missing"
+        losses.lack(fail, "complete", why, excused=open_end or losses.of(name) > 0)
     checks.turns.end()
+    return whole and not awake
 
 
 class _Checks(NamedTuple):
@@ -248,11 +264,11 @@ class _Checks(NamedTuple):
                 pass
 
 
-def _is_settled(recording: Recording, transcript: FreeTranscript) -> bool:
-    """Return whether all keepers have told what they have at the end; who fails does not wait."""
-    summary = transcript.results.summary
-    ended = summary is not None and summary.ended in ("goal", "max-rounds")
-    return ended and not is_cut_off(recording)
+def _never_began(recording: Recording) -> bool:
+    """Return whether a run was over before it began, and nobody has said anything."""
+    over = recording.scene.reached(recording.scene.start) and recording.schedule is None
+    none = all(record.topic.endswith("/coordinator") for record in recording.records)
+    return none and (over or max_rounds_in(recording.parameters) == 0)
 
 
 def _check_edges(path: Path, transcript: FreeTranscript, fail: Fail) -> str:
@@ -274,18 +290,21 @@ def _check_edges(path: Path, transcript: FreeTranscript, fail: Fail) -> str:
     return digest.hexdigest()
 
 
-def _check_schedule(recording: Recording, path: Path, summary: Summary | None, fail: Fail) -> None:
-    """Check that moves are those of the schedule, and wait for those before them."""
+def _check_schedule(recording: Recording, path: Path, summary: Summary | None, fail: Fail) -> bool:
+    """Check that moves are those of the schedule, and wait for those before them.
+
+    Return whether all of it is carried out.
+    """
     if recording.schedule is None:
         told = summary is not None and summary.schedule_cubes is not None
         if told or "schedule" in recording.parameters:
             fail("schedule", "there was one, but it is not on record")
-        return
+        return False
     try:
         cubes = schedule_from_jsonl(recording.schedule)
     except InputError as error:
         fail("schedule", str(error))
-        return
+        return False
     if summary is not None and summary.schedule_cubes != len(cubes):
         counted = summary.schedule_cubes
         fail("schedule", f"the summary counts {counted} cubes, there are {len(cubes)}")
@@ -301,7 +320,7 @@ def _check_schedule(recording: Recording, path: Path, summary: Summary | None, f
     if lacking and summary is not None and summary.ended == "goal":
         fail("schedule", f"{lacking[0][0]} at {lacking[0][1]!r} is not made")
     if lacking or stray:
-        return
+        return False
     actions = [
         recording.scene.system.action(move.generator, site)
         for cube in cubes
@@ -311,6 +330,7 @@ def _check_schedule(recording: Recording, path: Path, summary: Summary | None, f
     check_dependencies(
         actions, [], [[each] for each in path.actions], partial(_in_order, fail), whole=True
     )
+    return True
 
 
 def _in_order(fail: Fail, check: str, why: str) -> None:
@@ -322,14 +342,17 @@ def _check_ended(
     recording: Recording,
     transcript: FreeTranscript,
     summary: Summary,
-    expected: Mapping[str, object],
     fail: Fail,
+    *,
+    arrived: bool,
+    rests: bool,
 ) -> None:
+    """Check how the run says that it ended: where it `arrived`, and whether everybody `rests`."""
     levels = summary.rounds
     error = summary.error
     if summary.ended in ("goal", "max-rounds") and error is not None:
         fail("ended", f"it says {summary.ended}, and {error!r}")
-    if summary.ended == "goal" and not expected["goal_reached"] and recording.schedule is None:
+    if summary.ended == "goal" and not arrived and recording.schedule is None:
         fail("ended", "it says goal, which was not reached")
     most = max_rounds_in(recording.parameters)
     if summary.ended == "max-rounds" and most is not None and levels < most:
@@ -338,6 +361,8 @@ def _check_ended(
         fail("ended", f"it was interrupted, and says {error!r}")
     if summary.ended == "failed" and (not error or "\n" in error):
         fail("ended", f"it failed, and says {error!r}, expected one line")
+    if summary.ended != "goal" and arrived and rests and not transcript.gave_up:
+        fail("ended", f"it says {summary.ended}, and everybody rests at the goal")
     told = error or ""
     if told.startswith("module_") and told not in transcript.gave_up:
         why = f"it says {told!r}, which no module says"

@@ -41,11 +41,15 @@ class Losses:
         """By module the processes that spoke for it."""
         self._entered: dict[tuple[int, int], int] = {}
         """By module and epoch the birth in which it entered."""
+        self._acted: dict[int, tuple[int, int]] = {}
+        """By process the birth and the number of the last message with which it did anything."""
+        self._rested: dict[int, tuple[int, int]] = {}
+        """By process the birth and the number at which it said last that it rests."""
         self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
     def take(self, where: str, message: FreeMessage, sender: str, data: bytes, fail: Fail) -> None:
         """Take note of the number of a message."""
-        self._take_modules(message)
+        self._take_parts(message)
         number = getattr(message, "said", 0)
         if not number:
             return
@@ -62,13 +66,19 @@ class Losses:
             name, birth = key
             fail("messages", f"{where}: message {number} of {name} in birth {birth} was another")
 
-    def _take_modules(self, message: FreeMessage) -> None:
-        """Take note of who speaks for modules, and of the births in which they entered."""
+    def _take_parts(self, message: FreeMessage) -> None:
+        """Take note of who speaks for modules, of births in which they entered, and of rest."""
         match message:
             case Asks(process=process, parts=parts) | Turns(process=process, parts=parts):
-                for part in parts:
-                    if not isinstance(part, Look):
-                        self._speakers.setdefault(part.module, set()).add(process)
+                modules = [part.module for part in parts if not isinstance(part, Look)]
+                for module in modules:
+                    self._speakers.setdefault(module, set()).add(process)
+                if modules:
+                    at = message.birth, message.said
+                    self._acted[process] = max(self._acted.get(process, at), at)
+            case Rest(process=process):
+                at = message.birth, message.said
+                self._rested[process] = max(self._rested.get(process, at), at)
             case Tells(parts=told):
                 for each in told:
                     if isinstance(each, Entered):
@@ -110,6 +120,13 @@ class Losses:
     def of_keepers(self, keepers: Iterable[int]) -> bool:
         """Return whether anything is missing that one of these keepers said."""
         return any(self.of(keeper_name(keeper)) for keeper in keepers)
+
+    def at_rest(self, process: int) -> bool:
+        """Return whether a process says that it rests after all that it did, in its last birth."""
+        acted, rested = self._acted.get(process), self._rested.get(process)
+        if acted is None or rested is None:
+            return False
+        return acted[0] == rested[0] and acted <= rested
 
     def before(self, module: int, epoch: int) -> bool:
         """Return whether an epoch was one of a fleet before the last: its end may be cut off."""

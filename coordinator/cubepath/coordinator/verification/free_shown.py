@@ -261,11 +261,19 @@ class Tails:
             self._check_keeper(where, tail.keeper, unit_in(self._history.system, unit[0]))
         self._last[tail.keeper] = where, tail
 
-    def end(self, keepers: int, *, open_end: bool) -> None:
-        """Check that the last tails fit the end; with an `open_end` that is not certain."""
-        for keeper in range(keepers):
-            for why in self._at_the_end(keeper, self._last.get(keeper)):
-                self._said.losses.lack(self._fail, "tails", why, excused=open_end)
+    def end(self, keepers: int, *, whole: bool, open_end: bool) -> bool:
+        """Check of a `whole` recording that the last tails fit its end; return whether they do.
+
+        With an `open_end` that is not known for certain.
+        """
+        odd = [
+            why
+            for keeper in range(keepers)
+            for why in self._at_the_end(keeper, self._last.get(keeper))
+        ]
+        for why in odd if whole else ():
+            self._said.losses.lack(self._fail, "tails", why, excused=open_end)
+        return not odd
 
     def _at_the_end(self, keeper: int, last: tuple[str, Tail] | None) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
@@ -275,7 +283,9 @@ class Tails:
         where, tail = last
         if tail.serial != len(self._said.commits.serials(keeper)):
             yield f"{where}: there are later commits"
-        if not tail.prepared:
+        if tail.prepared:
+            yield f"{where}: {tail.prepared} attempts are under way at the end"
+        else:
             yield from self._other_units(where, tail)
 
     def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:

@@ -209,8 +209,11 @@ class FreeReading:
                         )
         if isinstance(message, Passes) and message.to == message.keeper:
             self._fail("messages", f"{where} says something to itself")
-        if not parts and isinstance(message, Asks | Passes | Tells | Turns):
-            self._fail("messages", f"{where} is empty")
+        if isinstance(message, Asks | Passes | Tells | Turns | Tail):
+            if not parts and not isinstance(message, Tail):
+                self._fail("messages", f"{where} is empty")
+            if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
+                self._fail("messages", f"{where} holds a part twice")
 
     def _strays(self, part: msgspec.Struct) -> bool:
         """Return whether a message or a part names a keeper, process or module of no run."""
@@ -323,23 +326,15 @@ class FreeReading:
         found, results = self.found, self.found.results
         match message:
             case Edges(round=level):
-                content = edges_hash(message.moves)
-                if found.edges.setdefault(level, content) != content:
-                    self._fail("edges", f"level {level}: its edges come twice, and differ")
-            case Cube(index=index):
-                cube = self._moves.cube(message)
-                if results.cubes.setdefault(index, cube) != cube:
-                    self._fail("complete", f"cube {index} comes twice, and differs")
-            case Certified(certificate=certificate):
-                if results.certificate not in (None, certificate):
-                    self._fail("certificate", "the certificate comes twice, and differs")
-                results.certificate = certificate
+                if found.edges.get(level) is not None:
+                    self._fail("edges", f"level {level}: its edges come twice")
+                found.edges.setdefault(level, edges_hash(message.moves))
+            case Cube():
+                results.take(self._moves.cube(message), self._fail)
+            case Certified() | Summary():
+                results.take(message, self._fail)
             case Refused(count=count):
                 results.refused += count
-            case Summary():
-                if results.summary not in (None, message):
-                    self._fail("complete", "the summary comes twice, and differs")
-                results.summary = message
             case _:
                 pass
 

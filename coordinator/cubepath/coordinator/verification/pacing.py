@@ -73,6 +73,8 @@ class Pacing:
             case Again() | Waiting():
                 if self._is_of_a_process(message) and message.round != self.round:
                     self._wrong(message, f"in round {self.round}")
+                elif message.phase not in _AFTER:
+                    self._wrong(message, "which is none")
             case _:
                 pass  # a part by itself, or what the coordinator says of the run
 

@@ -1,17 +1,42 @@
 """Whether the parameters of a recording are those of a run, and fit its scene.
 
 Room: coordinator. Part of `cubepath verify`. A parameter that is missing is not held against a
-recording: older ones, and those written by other programs, have fewer.
+recording: those written by other programs have fewer. One that no run has is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import inf
 
-from cubepath.coordinator.verification.transcript import Fail
+from cubepath.coordinator.verification.transcript import RECOVERED, Fail
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT, PART
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.tiles import Tiles
 
 CHECK = "parameters"
+_WHOLE = "whole_messages"
+_OF_LOCKSTEP = frozenset(
+    (
+        *("wait_for", "repair", "from_round", "what_if", "stages", "live"),
+        *("parent", "parent_path_digest", "parent_sha256", "faults", "simulated"),
+    )
+)
+_OF_FREE = frozenset(("keepers", "on_crash", "speeds", "jitter"))
+KNOWN = frozenset(
+    (
+        *("system", "family", "rule", "seed", "hesitate", "processes", "modules", "max_rounds"),
+        *("schedule", "clock", "log_time", "python", "platform", "cubepath", "eclipse-zenoh"),
+        *("mcap", "pettingzoo", "numpy", RECOVERED, ATTACHED, PART, *LEFT_OUT, FILTERED, SPLIT),
+        *(_WHOLE, *_OF_LOCKSTEP, *_OF_FREE),
+    )
+)
+"""The names of all parameters that recordings have."""
+_NUMBERS = (
+    *("seed", "max_rounds", "processes", "modules", "keepers", "wait_for", "from_round"),
+    *(ATTACHED, PART, _WHOLE),
+)
 
 
 def check_parameters(recording: Recording, fail: Fail) -> None:
@@ -22,9 +47,7 @@ def check_parameters(recording: Recording, fail: Fail) -> None:
     def wrong(key: str, expected: str) -> None:
         fail(CHECK, f"{key}={told.get(key)!r}: expected {expected}")
 
-    for key in ("seed", "max_rounds", "processes", "modules", "keepers"):
-        if key in told and _number(told[key]) is None:
-            wrong(key, "a whole number of at least 0")
+    _check_names(recording, wrong)
     if "hesitate" in told and hesitation_in(told) is None:
         wrong("hesitate", "at least 0 and less than 1")
     if _number(told.get("modules", "")) not in (None, modules):
@@ -38,21 +61,52 @@ def check_parameters(recording: Recording, fail: Fail) -> None:
     _check_schedule(recording, wrong)
 
 
+def _check_names(recording: Recording, wrong: Callable[[str, str], None]) -> None:
+    told = recording.parameters
+    others = _OF_LOCKSTEP if recording.clock == "free" else _OF_FREE
+    for key in sorted(told.keys() - KNOWN):
+        wrong(key, "no parameter of this name, which no run has")
+    for key in sorted(told.keys() & others):
+        wrong(key, f"none of this name in a run with clock={recording.clock}")
+    for key in _NUMBERS:
+        if key in told and _number(told[key]) is None:
+            wrong(key, "a whole number of at least 0")
+
+
 def _check_clock(recording: Recording, wrong: Callable[[str, str], None]) -> None:
     told = recording.parameters
     if told.get("clock", "lockstep") != recording.clock:
         wrong("clock", f"{recording.clock!r}, as {recording.format} has it")
-    if recording.clock == "free" and keepers_of(recording) is None:
-        wrong("keepers", "how many there were")
+    if recording.clock == "free":
+        _check_free(recording, wrong)
     logical = "level" if recording.clock == "free" else "round"
     if told.get("log_time", logical) not in (logical, "wall"):
         wrong("log_time", f"'{logical}' or 'wall'")
+
+
+def _check_free(recording: Recording, wrong: Callable[[str, str], None]) -> None:
+    told = recording.parameters
+    if keepers_of(recording) is None:
+        wrong("keepers", f"how many there were, 1 to {Tiles.keepers_max}")
+    if told.get("on_crash", "stop") not in ("stop", "continue", "restart"):
+        wrong("on_crash", "stop, continue or restart")
+    if "jitter" in told and _factor(told["jitter"]) is None:
+        wrong("jitter", "a number of at least 0")
+    pairs = [each.partition("=") for each in told.get("speeds", "").split(",") if each]
+    if any(
+        (_number(module) is None or int(module) >= len(recording.scene.start))
+        or not _factor(factor)
+        for module, _, factor in pairs
+    ):
+        wrong("speeds", "MODULE=FACTOR, separated by commas")
 
 
 def _check_schedule(recording: Recording, wrong: Callable[[str, str], None]) -> None:
     told = recording.parameters
     if recording.schedule is not None and told.get("rule", "schedule") != "schedule":
         wrong("rule", "'schedule', since there is one on record")
+    if recording.schedule is None and told.get("rule") == "schedule":
+        wrong("rule", "a schedule on record, which modules carried out")
     if "repair" in told and "schedule" not in told:
         wrong("repair", "none, since there is no schedule that it could go on after")
     if "schedule" in told and hesitation_in(told):
@@ -86,8 +140,18 @@ def processes_of(recording: Recording) -> int | None:
 
 
 def keepers_of(recording: Recording) -> int | None:
-    """Return the number of keepers; None if it is missing or malformed."""
-    return _number(recording.parameters.get("keepers", "")) or None
+    """Return the number of keepers; None if it is missing, malformed or more than a run has."""
+    found = _number(recording.parameters.get("keepers", "")) or None
+    return None if found is not None and found > Tiles.keepers_max else found
+
+
+def _factor(text: str) -> float | None:
+    """Return a number of at least 0, None if it is none."""
+    try:
+        found = float(text)
+    except ValueError:
+        return None
+    return found if 0.0 <= found < inf else None
 
 
 def hesitation_in(parameters: Mapping[str, str]) -> float | None:

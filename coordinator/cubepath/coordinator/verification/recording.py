@@ -121,8 +121,8 @@ def verify(
     >>> found = verify("logs/golden/hex-5.mcap")
     >>> found.ok, found.moves, found.rounds, found.cubes
     (True, 28, 29, 19)
-    >>> [check.name for check in found.checks if not check.checked]
-    ['choices']
+    >>> [check.checked for check in found.checks if check.name in ("choices", "class")]
+    [False, True]
     """
     recording = recording_of(recording)
     why = why_partial(recording)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import chain
 
 import msgspec
 
@@ -20,6 +21,7 @@ CHECK = "stages"
 RECORDED = "recorded"
 """The rule of modules that choose as on record, by its name in parameters."""
 _SPANS = re.compile(r"\d{1,6}(-\d{1,6})?(,\d{1,6}(-\d{1,6})?)*", re.ASCII)
+_MODULES_MAX = 1 << 20
 
 
 class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -35,12 +37,13 @@ class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Whether they hear in that round what was noted in the one before."""
 
     def modules(self, rule: str) -> list[int]:
-        """Return the modules that follow a rule, none for a malformed text."""
+        """Return the modules that follow a rule, none for a malformed text or far too many."""
         text = self.rules.get(rule, "")
         if not _SPANS.fullmatch(text):
             return []
         ends = (span.partition("-") for span in text.split(","))
-        return [each for one, _, last in ends for each in range(int(one), int(last or one) + 1)]
+        found = [range(int(one), int(last or one) + 1) for one, _, last in ends]
+        return [*chain.from_iterable(found)] if sum(map(len, found)) <= _MODULES_MAX else []
 
 
 def spans(modules: Iterable[int]) -> str:

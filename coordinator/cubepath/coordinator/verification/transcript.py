@@ -124,6 +124,22 @@ class Transcript:
     carried: dict[int, Carried] = field(default_factory=dict)
     """What each round did, if a schedule was to be carried out."""
 
+    def take(self, message: Cube | Certified | Summary, fail: Fail) -> None:
+        """Take what the coordinator says at the end, which it says once."""
+        match message:
+            case Cube(index=index):
+                if index in self.cubes:
+                    fail("complete", f"cube {index} comes twice")
+                self.cubes.setdefault(index, message)
+            case Certified(certificate=certificate):
+                if self.certificate is not None:
+                    fail("certificate", "the certificate comes twice")
+                self.certificate = certificate
+            case Summary():
+                if self.summary is not None:
+                    fail("complete", "the summary comes twice")
+                self.summary = message
+
     @property
     def result(self) -> tuple[Cube, ...]:
         """Return the cubes in order of their index."""
@@ -257,36 +273,21 @@ class Sorting:
                 self._sort_said(message)
             case Edges(round=number):
                 this = self._round(number)
-                if this.edges is None:
-                    this.edges = message
-                elif this.edges != message:
-                    self._fail("edges", f"round {number}: its edges come twice, and differ")
+                if this.edges is not None:
+                    self._fail("edges", f"round {number}: its edges come twice")
+                this.edges = this.edges or message
             case Go(phase="over", round=number) if self.found.schedule_over is None:
                 self.found.schedule_over = number
             case Ready(phase="join", process=process, rule=str(rule)):
                 self._own_rules[process] = rule
             case Refused(count=count):
                 self.found.refused += count
-            case Cube() | Certified() | Summary():
-                self._sort_result(message)
+            case Cube():
+                self.found.take(self._moves.cube(message), self._fail)
+            case Certified() | Summary():
+                self.found.take(message, self._fail)
             case _:
                 pass
-
-    def _sort_result(self, message: Cube | Certified | Summary) -> None:
-        found, fail = self.found, self._fail
-        match message:
-            case Cube(index=index):
-                cube = self._moves.cube(message)
-                if found.cubes.setdefault(index, cube) != cube:
-                    fail("complete", f"cube {index} comes twice, and differs")
-            case Certified(certificate=certificate):
-                if found.certificate not in (None, certificate):
-                    fail("certificate", "the certificate comes twice, and differs")
-                found.certificate = certificate
-            case Summary():
-                if found.summary not in (None, message):
-                    fail("complete", "the summary comes twice, and differs")
-                found.summary = message
 
     def _round(self, number: int) -> Round:
         if number < self._closed:
@@ -357,6 +358,8 @@ def _message(record: Record, fail: Fail) -> Message | None:
 def _parts(record: Record, message: Message, fail: Fail) -> Sequence[Message]:
     """Return the parts of a batch, or the message itself."""
     parts = parts_of(message)
+    if len({(type(part), getattr(part, "module", None)) for part in parts}) < len(parts):
+        fail("batches", f"{_place(record)} holds two parts of a kind of one module")
     for part in parts:
         if part.round != message.round:
             fail("messages", f"{_place(record)} holds {topic_of(part)} of round {part.round}")

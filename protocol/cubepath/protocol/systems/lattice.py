@@ -23,7 +23,10 @@ from cubepath.protocol.core.catalogue import (
 )
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
-from cubepath.protocol.core.system import KEPT, System, Ways, one_to_one, region_of
+from cubepath.protocol.core.system import FAR, KEPT, System, Ways, one_to_one, region_of
+
+_FARTHEST = FAR // 2
+"""Numbers of a cell where modules may start, so that none comes to `FAR` in any run."""
 
 
 class LatticeSystem(System):
@@ -197,7 +200,8 @@ class LatticeSystem(System):
 
     def check_place(self, place: Site) -> None:
         """Raise InputError if `place` is no cell of the lattice, or no module can stand there."""
-        self.catalogue.lattice.check(place)
+        if not all(-_FARTHEST <= number <= _FARTHEST for number in self.encode_site(place)):
+            raise InputError(f"cell {place} is too far away, expected numbers to {_FARTHEST}")
         super().check_place(place)
 
     def legal(self, state: AbstractSet[Site]) -> bool:

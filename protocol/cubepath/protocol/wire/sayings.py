@@ -7,6 +7,7 @@ and asks for them. All receivers take what is late or doubled, so the same messa
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -34,9 +35,15 @@ class Sayings:
         self._bytes = 0
 
     def say(self, message: Numbered) -> Put:
-        """Return how the next message is put, with its number, and keep it."""
+        """Return how the next message is put, with its number, and keep it; each part once."""
         self.said += 1
-        put = self.tell(message)
+        parts: list[Any] = []
+        for part in message.parts:
+            if part not in parts:
+                parts.append(part)
+        put = self.tell(
+            message if len(parts) == len(message.parts) else replace(message, parts=parts)
+        )
         self._kept.append((self.said, put))
         self._bytes += len(put.data)
         while len(self._kept) > KEPT_MAX or self._bytes > KEPT_BYTES_MAX:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from typing import ClassVar
 from zlib import crc32
 
 from cubepath.protocol.core.sites import Site
@@ -23,6 +24,9 @@ _NAME = re.compile(r"-?[0-9]+(,-?[0-9]+)?")
 
 class Tiles:
     """The tiles of a system, dealt to so many keepers."""
+
+    keepers_max: ClassVar[int] = 256
+    """A run has at most so many."""
 
     def __init__(self, system: System, keepers: int) -> None:
         """Deal tiles to keepers by their names, evenly and at random, the same everywhere."""
