@@ -41,9 +41,7 @@ def row(folder: Path, parts: int) -> tuple[int, float, float, float, int]:
     """Return the number of parts of both recordings, the times, and the memory of ``other``."""
     scene = scene_from_spec(SPEC)
     one, two, copy = (folder / f"{name}.mcap" for name in ("one", "two", "copy"))
-    count = sum(
-        write(path, scene, parts, batched=True, seed=seed) for seed, path in enumerate((one, two))
-    )
+    count = sum(write(path, scene, parts, seed=seed) for seed, path in enumerate((one, two)))
     shutil.copy(one, copy)
 
     def least() -> None:

@@ -123,14 +123,13 @@ def main() -> None:
     columns = [f"{head:>{wide}}" for head, wide in zip(heads, _WIDTHS, strict=True)]
     scene = scene_from_spec(SPEC)
     with TemporaryDirectory() as folder:
-        for name, batched in (("single messages", False), ("batches", True)):
-            print(f"{name}\n{'parts':>9}" + "".join(columns))
-            before: tuple[int, float] | None = None
-            for size in sizes:
-                path = Path(folder) / f"{batched}-{size}.mcap"
-                parts = write(path, scene, size, batched=batched)
-                took = row(path, path.with_suffix(".copy"), parts, before)
-                before = parts, took
+        print(f"{'parts':>9}" + "".join(columns))
+        before: tuple[int, float] | None = None
+        for size in sizes:
+            path = Path(folder) / f"{size}.mcap"
+            parts = write(path, scene, size)
+            took = row(path, path.with_suffix(".copy"), parts, before)
+            before = parts, took
 
 
 if __name__ == "__main__":

@@ -137,7 +137,7 @@ def said(log: Path, begin: int) -> list[Said]:
         move = generator, json.dumps(at, separators=(",", ":"))
         found[number - 1][0].append((module, move, int(outcome == "granted")))
     for logged in recording.messages("report"):
-        for kind, sender, _ in logged.message.deliveries():
+        for kind, sender in logged.message.deliveries():
             found[logged.round - 1][1].append((kind, sender, logged.message.module))
     return [(sorted(claims), sorted(heard)) for claims, heard in found[begin:]]
 

@@ -90,7 +90,7 @@ def driven(**given: Any) -> Driven:
     for name in ("begin", "until"):
         if name in given:
             options[name] = read_spot(given.pop(name))
-    selection = Selection(found, topics=given.pop("topics", ["report"]))
+    selection = Selection(found, topics=given.pop("topics", ["reports"]))
     return Driven(Machine(Reel(found), selection, **options, **given))
 
 
@@ -100,7 +100,7 @@ def reports(*rounds: int) -> list[int]:
     return [
         record.sequence
         for record in recording().records
-        if record.kind == "report" and record.round in rounds
+        if record.kind == "reports" and record.round in rounds
     ]
 
 
@@ -217,7 +217,7 @@ def test_steps_go_by_messages_and_by_rounds() -> None:
     assert found.tell("step").numbers == reports(1)[:1]
     assert found.tell("step", unit="round").numbers == reports(1)
     assert found.tell("step", unit="round", count=2).numbers == reports(1, 2, 3)
-    assert found.tell("step", count=5).numbers == reports(1, 2, 3, 4)
+    assert found.tell("step", count=2).numbers == reports(1, 2, 3, 4)
     assert found.until(BEGAN + 99).numbers == reports(1, 2, 3, 4)
     assert found.tell("step", count=1000).machine.ended
     assert found.tell("step").numbers == reports(*range(1, 30))
@@ -225,15 +225,15 @@ def test_steps_go_by_messages_and_by_rounds() -> None:
 
 def test_back_goes_where_the_round_began() -> None:
     """From the middle of a round to its beginning, from there to the one before; it pauses."""
-    found = driven(begin="2", rate="1").until(BEGAN + 2).tell("step", count=2)
-    assert found.numbers == [*reports(2, 3, 4), *reports(5)[:2]]
+    found = driven(begin="2", rate="1").until(BEGAN + 2).tell("step")
+    assert found.numbers == [*reports(2, 3, 4), *reports(5)[:1]]
     found.put.clear()
     assert found.tell("back", unit="round").tell("step", unit="round").numbers == reports(5)
     found.put.clear()
     found.tell("back", unit="round", count=2).tell("step", unit="round")
     assert found.numbers == reports(4)
     found.put.clear()
-    assert found.tell("back", count=3).tell("step", count=3).numbers == reports(4)[2:]
+    assert found.tell("back").tell("step").numbers == reports(4)[1:]
     found.put.clear()
     assert found.tell("back", unit="round", count=99).tell("step").numbers == reports(2)[:1]
     assert found.jumps == ["from", "back", "back", "back", "back"]
@@ -262,7 +262,7 @@ def test_a_loop_begins_again_and_says_so() -> None:
     """With the same pace in every lap."""
     found = driven(begin="3", until="4", loop=True, rate="10")
     found.until(BEGAN + 0.35)
-    assert found.numbers[:20] == reports(3, 4) * 2
+    assert found.numbers[:8] == reports(3, 4) * 2
     assert found.jumps[:3] == ["from", "loop", "loop"]
     assert found.machine.laps >= 2
 

@@ -75,7 +75,7 @@ class Machine:
     >>> while not isinstance(deed := machine.next(100.0), Rest):
     ...     kinds.append(deed.record.kind)
     >>> len(kinds), deed  # the second round begins half a second later
-    (11, Rest(until=100.5))
+    (12, Rest(until=100.5))
     """
 
     def __init__(

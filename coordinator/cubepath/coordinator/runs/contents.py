@@ -20,7 +20,7 @@ from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
-from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -45,7 +45,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "max_rounds": int,
     "keepers": int,
 }
-_GATHERED_FROM = ("reports", "report", "moved", "tail")
+_GATHERED_FROM = ("reports", "moved", "tail")
 """The kinds of messages that tell of moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
@@ -102,7 +102,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "error": None if summary is None else summary.error,
         "messages": counts.messages,
         "kinds": _kinds(counts),
-        **_parts(recording, counts),
+        "parts": dict(sorted(counts.parts.items())),
         "topics": counts.topics,
         "bytes": recording.size,
         "message_bytes": sum(kind.bytes for kind in counts.kinds.values()),
@@ -201,12 +201,6 @@ def _kinds(counts: Counts) -> dict[str, dict[str, int]]:
         name: {"messages": kind.messages, "bytes": kind.bytes}
         for name, kind in sorted(counts.kinds.items())
     }
-
-
-def _parts(recording: Recording, counts: Counts) -> dict[str, Any]:
-    """Return what modules said by kind, in batches or alone; in format 1 the messages tell it."""
-    known = recording.format == FORMATS[0]
-    return {} if known else {"parts": dict(sorted(counts.parts.items()))}
 
 
 def _moment(wall_ns: int | None) -> str | None:

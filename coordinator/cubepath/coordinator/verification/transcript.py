@@ -84,7 +84,7 @@ class Round:
     reports: dict[int, Report] = field(default_factory=dict)
     edges: Edges | None = None
     batches: list[Said | Reports] = field(default_factory=list)
-    """What the parts came in; empty in format 1, where each is a message of its own."""
+    """What the parts came in."""
 
 
 Made: TypeAlias = frozenset[tuple[str, Site | None]]
@@ -189,7 +189,6 @@ class Sorting:
         self.found = Transcript(complete_rounds=first - 1)
         self._watch = watch
         self._gaps = gaps
-        self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
@@ -226,14 +225,12 @@ class Sorting:
                 self._sort(part)
 
     def _check_form(self, record: Record, message: Message) -> None:
-        """Check that what modules say is in batches, or by itself, as the format has it."""
+        """Check that what modules say is in batches, none of them empty."""
         batch = isinstance(message, Said | Reports | Observations | Acts)
-        if batch and not self._in_batches:
-            self._fail("batches", f"{_place(record)} is a batch, in a recording of format 1")
-        elif batch and not parts_of(message):
+        if batch and not parts_of(message):
             self._fail("batches", f"{_place(record)} is empty")
-        elif self._in_batches and isinstance(message, _PARTS):
-            self._fail("batches", f"{_place(record)} is in no batch, as in format 1")
+        elif isinstance(message, _PARTS):
+            self._fail("batches", f"{_place(record)} is in no batch")
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
         """Yield the rounds that count, once each, in order; none below `least` is to come."""
