@@ -45,7 +45,7 @@ class Losses:
 
     def take(self, where: str, message: FreeMessage, sender: str, data: bytes, fail: Fail) -> None:
         """Take note of the number of a message."""
-        self._take_modules(message)
+        self._take_parts(message)
         number = getattr(message, "said", 0)
         if not number:
             return
@@ -62,7 +62,7 @@ class Losses:
             name, birth = key
             fail("messages", f"{where}: message {number} of {name} in birth {birth} was another")
 
-    def _take_modules(self, message: FreeMessage) -> None:
+    def _take_parts(self, message: FreeMessage) -> None:
         """Take note of who speaks for modules, and of the births in which they entered."""
         match message:
             case Asks(process=process, parts=parts) | Turns(process=process, parts=parts):
