@@ -350,18 +350,17 @@ class TurnsOfModules:
             return None
         if move is None:
             notes.setdefault(place, (seen.register, None))
-        units: set[Site] = set()
+        sensed: list[tuple[Site, Site | None]] = []
         if move is not None:
             reads, writes = self._history.units_of(move.action)
-            units = {*reads, *writes, *self._guards(seen)}
-        on = dict(seen.standing)
-        sensed = {unit: on_unit(system, unit, on) for unit in units}
+            units = {*reads, *writes, *self._guards(seen)} if turn.guards else reads | writes
+            sensed = [(unit, on_unit(system, unit, seen.standing)) for unit in units]
         named = None if move is None else (move.generator, move.at)
         asked = {
             at: (tuple(shown), None if new is None else tuple(new))
             for at, (shown, new) in notes.items()
         }
-        return AskedContent(seen.site, named, frozenset(sensed.items()), frozenset(asked.items()))
+        return AskedContent(seen.site, named, frozenset(sensed), frozenset(asked.items()))
 
     def _chosen(self, seen: Seen) -> Move | None:
         moves = self._system.moves(seen.site)

@@ -45,7 +45,9 @@ def is_admissible(action: Action, state: AbstractSet[Site]) -> bool:
     on = action.support & state
     if (on - action.free if action.free else on) not in action.ends:
         return False
-    return all(neighbour in on for site, neighbour in action.guards if site in on)
+    return not action.guards or all(
+        neighbour in on for site, neighbour in action.guards if site in on
+    )
 
 
 def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
