@@ -7,6 +7,7 @@ import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -21,7 +22,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from free_numbers import numbered
-from free_runs import asked, free_recorded, free_run, write
+from free_runs import asked, free_recorded, free_run, results, write
 
 SPECS = (
     "agv:graph=grid6x6,n=6",
@@ -279,6 +280,23 @@ def test_a_log_by_wall_time_is_checked_by_it(tmp_path: Path) -> None:
     assert failing(asked(recording)) == {"complete"}
     told = replace(recording, parameters={**recording.parameters, "log_time": "level"})
     assert "messages" in failing(asked(told))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_messages_may_stand_in_any_order(tmp_path: Path, seed: int) -> None:
+    """Commits before what was asked, turns before those that they follow: the outcome is equal."""
+    scene, messages = free_run("hex:n=5", moves=10, restarts=1)
+    whole = [*numbered(messages), *results(scene, messages, 3)]
+    recording = read_recording(write(tmp_path / "a.mcap", scene, whole, wall=True))
+    found = asked(recording)
+    assert found.ok
+    records = Random(seed).sample(list(recording.records), len(recording.records))  # noqa: S311
+    mixed = tuple(replace(each, sequence=number) for number, each in enumerate(records))
+    again = asked(replace(recording, records=mixed))
+    # Cubes and the certificate name the greatest level before them.
+    assert failing(again) <= {"messages"}
+    assert replace(again, ok=True, checks=()) == replace(found, checks=())
 
 
 def test_a_missing_commit_is_found_by_its_number() -> None:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
+from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, Names
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Attempt, Hold, Turn
 from cubepath.protocol.wire.messages import encode
@@ -27,29 +29,13 @@ def attempt_name(attempt: Attempt) -> Name:
     return attempt.module, attempt.epoch, attempt.number
 
 
-def chain_of(attempt: Attempt, system: System, tiles: Tiles) -> list[int]:
-    """Return the keepers that an attempt passes through, -1 if it names no place."""
-    labelled = system.labels is not None
-    places = [site_in(place) for place, *_ in attempt.notes]
-    for value, _ in attempt.sensed:
-        unit = site_in(value)
-        if unit is not None:
-            places.append(unit if labelled else system.place_of(unit))
-    keepers = {tiles.keeper_of(place) for place in places if place is not None}
-    return sorted(keepers) or [-1]
+class AskedContent(NamedTuple):
+    """What an attempt asks for, in the form of what a turn has chosen; None is no site."""
 
-
-def content_of(attempt: Attempt) -> Hashable:
-    """Return what an attempt asks for, in the form of what a turn has chosen."""
-    named = None if attempt.generator is None else (attempt.generator, site_in(attempt.at))
-    sensed = {
-        site_in(unit): None if shown is None else site_in(shown) for unit, shown in attempt.sensed
-    }
-    notes = {
-        site_in(place): (tuple(shown), None if new is None else tuple(new))
-        for place, shown, new in attempt.notes
-    }
-    return site_in(attempt.site), named, frozenset(sensed.items()), frozenset(notes.items())
+    site: Site | None
+    move: tuple[str, Site | None] | None
+    sensed: frozenset[tuple[Site | None, Site | None]]
+    notes: frozenset[tuple[Site | None, tuple[tuple[int, ...], tuple[int, ...] | None]]]
 
 
 class AskedAttempts:
@@ -90,17 +76,40 @@ class AskedAttempts:
         if asked or self._state[place] == _UNHEARD:
             self._state[place] = _ASKED if asked else _PASSED
             self._digests[place] = digest
-            self._contents[place] = hash(content_of(attempt))
             self._turns[place] = attempt.turn
-            self._chains[place] = self._chain(attempt)
+            self._take_content(place, attempt)
         return True
 
-    def _chain(self, attempt: Attempt) -> int:
-        if self._tiles is None:
-            return -1
+    def _take_content(self, place: int, attempt: Attempt) -> None:
+        sensed = {
+            site_in(unit): None if shown is None else site_in(shown)
+            for unit, shown in attempt.sensed
+        }
+        notes = {
+            site_in(place): (tuple(shown), None if new is None else tuple(new))
+            for place, shown, new in attempt.notes
+        }
+        content = AskedContent(
+            site_in(attempt.site),
+            None if attempt.generator is None else (attempt.generator, site_in(attempt.at)),
+            frozenset(sensed.items()),
+            frozenset(notes.items()),
+        )
+        self._contents[place] = hash(content)
+        if self._tiles is not None:
+            self._chains[place] = self._chain(self._tiles, notes, sensed)
+
+    def _chain(
+        self, tiles: Tiles, noted: Iterable[Site | None], sensed: Iterable[Site | None]
+    ) -> int:
+        """Return which of the chains of keepers an attempt passes through, in increasing order."""
+        labelled, place_of = self._system.labels is not None, self._system.place_of
         chain: list[int] | Exception
         try:
-            chain = chain_of(attempt, self._system, self._tiles)
+            units = [unit for unit in sensed if unit is not None]
+            places = [place for place in noted if place is not None]
+            places += units if labelled else map(place_of, units)
+            chain = sorted({tiles.keeper_of(place) for place in places}) or [-1]
         except (*NO_SITE, InputError) as error:
             chain = error
         number = self._chain_numbers.setdefault(repr(chain), len(self._each_chain))

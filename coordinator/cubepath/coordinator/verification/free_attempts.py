@@ -70,15 +70,15 @@ class Attempts:
         self._seen = bytearray()
         """By attempt whether its commits were checked, 2 if they could not be."""
         self._elsewhere: set[int] = set()
-        for number, moved in enumerate(history.commits):
-            place = self._known.place(name_of(moved))
+        for number, name in enumerate(zip(*reversed(history.attempts), strict=True)):
+            place = self._known.place(name)
             self._places.append(place)
             self._grow()
             if self._committed[place] < 0:
                 self._committed[place] = number
             else:
                 self._again.setdefault(place, []).append(number)
-                self._fail("attempts", f"{attempt_text(name_of(moved))} is committed twice")
+                self._fail("attempts", f"{attempt_text(name)} is committed twice")
         self._grow()
 
     def _grow(self) -> None:

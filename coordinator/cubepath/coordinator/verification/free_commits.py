@@ -23,7 +23,7 @@ _row: Any = tuple[tuple(each.type for each in fields(Moved))]  # type: ignore[mi
 _unpack = msgspec.msgpack.Decoder(_row).decode
 
 
-class Commits(Sequence[Moved]):
+class PackedCommits(Sequence[Moved]):
     """The commits by keeper, then by serial number; each is decoded when it is asked for."""
 
     def __init__(self) -> None:

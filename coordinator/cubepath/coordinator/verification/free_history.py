@@ -137,6 +137,8 @@ class History:
         self.units_of = lru_cache(maxsize=_KEPT)(partial(units_of, self.system))
         for module, site in enumerate(scene.start):
             _add(self._modules[module], site=self._number(site), since=0, noted=-1, own=-1)
+        self.attempts = array("q"), array("q"), array("q")
+        """Of which attempt each commit is: its number, its epoch, its module."""
         self.order = self._ordered()
         """The commits in an order in which they can have happened."""
         for number in self.order:
@@ -206,7 +208,7 @@ class History:
 
     def _ordered(self) -> array[int]:
         units, modules = Touches(), Touches()
-        keepers, attempts = array("q"), tuple(array("q") for _ in range(3))
+        keepers, attempts = array("q"), self.attempts
         for number, moved in enumerate(self.commits):
             self._sort(number, moved, units, modules)
             keepers.append(moved.keeper)

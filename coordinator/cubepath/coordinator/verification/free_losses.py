@@ -54,7 +54,8 @@ class Losses:
         if not number:
             return
         key = sender, getattr(message, "birth", 0)
-        self._last[key] = max(self._last.get(key, 0), number)
+        if number > self._last.get(key, 0):
+            self._last[key] = number
         if isinstance(message, Rest | Tail):
             return
         # Only whether it is the same is asked, and that within one process: any hash will do.

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
+from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cubepath.coordinator.verification.findings import Stage
 from cubepath.coordinator.verification.free_history import History
@@ -22,6 +25,9 @@ from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows, Tail, Tells
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.tiles import Tiles
+
+Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
+_BLOCK = 1 << 14
 
 
 class Shownness:
@@ -184,56 +190,58 @@ class Serials:
 
     def take(self, place: Site, part: Shown) -> None:
         """Take what the message shows of a place."""
-        values = (
-            self._places.setdefault(place, len(self._places)),
-            len(self._messages[0]) - 1,
-            part.version,
-            -1 if part.module is None else part.module,
-            part.module_version,
-            hash(encode(part)),
-        )
-        for column, value in zip(self._parts, values, strict=True):
-            column.append(value)
+        places, messages, versions, modules, module_versions, hashes = self._parts
+        places.append(self._places.setdefault(place, len(self._places)))
+        messages.append(len(self._messages[0]) - 1)
+        versions.append(part.version)
+        modules.append(-1 if part.module is None else part.module)
+        module_versions.append(part.module_version)
+        hashes.append(hash(encode(part)))
 
     def wrong(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Yield what was shown otherwise before, and what goes back, with where that belongs."""
         tiles, serials, topics, sequences = map(np.asarray, self._messages)
         places, messages, *_ = columns = [np.asarray(each) for each in self._parts]
-        names, sites = list(self._tiles), list(self._places)
+        names, sites, each_topic = list(self._tiles), list(self._places), list(self._topics)
         rank = np.argsort(np.argsort(names))
         order = np.lexsort((messages, serials[messages], rank[tiles][messages], places))
-        places, messages, versions, modules, module_versions, hashes = (
-            each[order] for each in columns
-        )
-        again = np.zeros(len(order), np.bool_)
-        again[1:] = (
-            (places[1:] == places[:-1])
-            & (tiles[messages[1:]] == tiles[messages[:-1]])
-            & (serials[messages[1:]] == serials[messages[:-1]])
-        )
-        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(order))))
-        for row in np.flatnonzero(hashes != hashes[first]).tolist():
-            message = int(messages[row])
-            topic = list(self._topics)[topics[message]]
-            where = f"message {sequences[message]} ({topic})"
-            yield (
-                (0, message),
-                f"{where}: {site_text(sites[places[row]])} was shown otherwise before",
+        for rows in _blocks(order, places):
+            place, message, version, module, module_version, content = (
+                each[rows] for each in columns
             )
-        rows = np.flatnonzero(~again)
-        places, messages, versions, modules, module_versions = (
-            each[rows] for each in (places, messages, versions, modules, module_versions)
-        )
-        back = (places[1:] == places[:-1]) & (
-            (versions[1:] < versions[:-1])
-            | ((modules[1:] == modules[:-1]) & (module_versions[1:] < module_versions[:-1]))
-        )
-        for row in (np.flatnonzero(back) + 1).tolist():
-            message = int(messages[row])
-            tile, serial = int(tiles[message]), int(serials[message])
-            where = f"tile {names[tile]}, change {serial}"
-            position = 3, int(rank[tile]), serial, message
-            yield position, f"{where}: {site_text(sites[places[row]])} goes back"
+            tile, serial = tiles[message], serials[message]
+            again = np.zeros(len(rows), np.bool_)
+            again[1:] = _same(place) & _same(tile) & _same(serial)
+            first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
+            for row in np.flatnonzero(content != content[first]).tolist():
+                number = int(message[row])
+                where = f"message {sequences[number]} ({each_topic[topics[number]]})"
+                why = f"{site_text(sites[place[row]])} was shown otherwise before"
+                yield (0, number), f"{where}: {why}"
+            known = np.flatnonzero(~again)
+            back = _same(place[known]) & (
+                (np.diff(version[known]) < 0)
+                | (_same(module[known]) & (np.diff(module_version[known]) < 0))
+            )
+            for row in known[np.flatnonzero(back) + 1].tolist():
+                where = f"tile {names[tile[row]]}, change {serial[row]}"
+                position = 3, int(rank[tile[row]]), int(serial[row]), int(message[row])
+                yield position, f"{where}: {site_text(sites[place[row]])} goes back"
+
+
+def _blocks(order: Rows, places: Rows) -> Iterator[Rows]:
+    """Yield rows some thousand at a time, those of a place never in two."""
+    begins = np.flatnonzero(np.diff(places[order])) + 1
+    wanted = np.arange(_BLOCK, len(order), _BLOCK)
+    cuts = begins[np.searchsorted(begins, wanted).clip(max=len(begins) - 1)] if len(begins) else []
+    for begin, end in pairwise([0, *np.unique(cuts).tolist(), len(order)]):
+        if begin < end:
+            yield order[begin:end]
+
+
+def _same(values: Rows) -> NDArray[np.bool_]:
+    """Return for all but the first whether they are as those before."""
+    return np.equal(values[1:], values[:-1])
 
 
 class Tails:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import NamedTuple, TypeAlias
 
 import msgspec
@@ -22,7 +21,7 @@ from cubepath.coordinator.verification.free_asked import (
     TurnNumbers,
     attempt_name,
 )
-from cubepath.coordinator.verification.free_commits import Commits
+from cubepath.coordinator.verification.free_commits import PackedCommits
 from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, NumberTable
@@ -99,7 +98,7 @@ class FreeTranscript:
     attempts: AskedAttempts
     asked_by: dict[int, set[int]] = field(default_factory=dict)
     """By module the processes that spoke for it."""
-    commits: Commits = field(default_factory=Commits)
+    commits: PackedCommits = field(default_factory=PackedCommits)
     acknowledged: set[tuple[AttemptId, int]] = field(default_factory=set)
     """The attempts of which a keeper said that it knows of the commit, with that keeper."""
     shown: dict[Site, ShownVersions] = field(default_factory=dict)
@@ -149,11 +148,14 @@ class FreeReading:
         self._most = {
             name: most for name, most in zip(_LIMITED, limits, strict=True) if most is not None
         }
+        self._limits: dict[type[msgspec.Struct], tuple[tuple[str, int], ...]] = {}
+        """What messages and parts of a kind have of what a run has only so many of."""
         self._by_wall = recording.parameters.get("log_time") == "wall"
         self._whole = not recording.problems and not is_cut_off(recording)
         self._level = 0
         self._highest = self._count = 0
         self._moves = SharedMoves()
+        self._topics: dict[tuple[type[FreeMessage], int, int], tuple[str, str]] = {}
 
     def read(self, recording: Recording) -> FreeTranscript:
         """Read all messages."""
@@ -175,14 +177,22 @@ class FreeReading:
         except InputError as error:
             self._fail("messages", f"{where}: {error}")
             return
-        sender = free_sender(message)
-        topic = f"{free_kind(message)}/{sender}"
+        topic, sender = self._topic(message)
         if topic != record.topic:
             self._fail("messages", f"{where} is {topic}")
         self._check_time(where, record, message)
         self._check_names(where, message)
         self.found.losses.take(where, message, sender, record.data, self._fail)
         self._sort(where, message)
+
+    def _topic(self, message: FreeMessage) -> tuple[str, str]:
+        """Return the topic of a message, and the sender in it."""
+        key = type(message), getattr(message, "keeper", 0), getattr(message, "process", 0)
+        known = self._topics.get(key)
+        if known is None:
+            sender = free_sender(message)
+            known = self._topics[key] = f"{free_kind(message)}/{sender}", sender
+        return known
 
     def _check_time(self, where: str, record: Record, message: FreeMessage) -> None:
         before = self._level
@@ -199,7 +209,7 @@ class FreeReading:
     def _check_names(self, where: str, message: FreeMessage) -> None:
         """Check that keepers, processes and modules are some of the run."""
         parts: Sequence[msgspec.Struct] = getattr(message, "parts", ())
-        if any(self._strays(each) for each in (message, *parts)):
+        if self._strays((message, *parts)):
             for name, most in self._most.items():
                 for each in (message, *parts):
                     value = getattr(each, name, None)
@@ -215,12 +225,18 @@ class FreeReading:
             if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
                 self._fail("messages", f"{where} holds a part twice")
 
-    def _strays(self, part: msgspec.Struct) -> bool:
-        """Return whether a message or a part names a keeper, process or module of no run."""
-        for name in _limited(type(part)):
-            value = getattr(part, name)
-            if isinstance(value, int) and value >= self._most.get(name, value + 1):
-                return True
+    def _strays(self, parts: Iterable[msgspec.Struct]) -> bool:
+        """Return whether any of these names a keeper, process or module of no run."""
+        for part in parts:
+            kind = type(part)
+            limits = self._limits.get(kind)
+            if limits is None:
+                named = (each for each in self._most.items() if each[0] in kind.__struct_fields__)
+                limits = self._limits[kind] = tuple(named)
+            for name, most in limits:
+                value = getattr(part, name)
+                if isinstance(value, int) and value >= most:
+                    return True
         return False
 
     def _sort(self, where: str, message: FreeMessage) -> None:
@@ -337,12 +353,6 @@ class FreeReading:
                 results.refused += count
             case _:
                 pass
-
-
-@cache
-def _limited(kind: type[msgspec.Struct]) -> tuple[str, ...]:
-    """Return what messages or parts of a kind have of what a run has only so many of."""
-    return tuple(name for name in _LIMITED if name in kind.__struct_fields__)
 
 
 def edges_hash(moves: Sequence[Executed]) -> int:

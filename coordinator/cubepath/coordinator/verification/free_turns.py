@@ -6,13 +6,13 @@ the history says what was there. It asks no rule: whoever has rules is a `FreePl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from cubepath.coordinator.verification.choices import Arrays, Observing
 from cubepath.coordinator.verification.findings import Stage
-from cubepath.coordinator.verification.free_asked import ShownVersions
+from cubepath.coordinator.verification.free_asked import AskedContent, ShownVersions
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_transcript import (
     FreeTranscript,
@@ -72,6 +72,8 @@ class _Progress:
     before: Turn | None = None
     last: dict[Site, tuple[int, int]] = field(default_factory=dict)
     """What the process of the module was shown last of each place."""
+    known: dict[Site, tuple[int, Site | None]] = field(default_factory=dict)
+    """The last version of each place that was rightly shown to it, and what was on."""
     broken: bool = False
     """Whether it is not known what the module's rule was shown since it entered."""
 
@@ -164,19 +166,20 @@ class TurnsOfModules:
 
     def _seen(self, turn: Turn, at: _Progress) -> Seen | None:
         """Return what was shown in a turn, None if it cannot have been."""
-        name, history, system = turn_text(turn), self._history, self._system
+        system = self._system
         fresh = self._follows(turn, at)
-        standing = history.module(turn.module, turn.version)
+        standing = self._history.module(turn.module, turn.version)
         site = site_in(turn.site)
         if standing is None or standing.site != site:
             where = f"at {turn.site!r} at version {turn.version}"
-            self._fail("turns", f"{name}: it does not stand {where}")
+            self._fail("turns", f"{turn_text(turn)}: it does not stand {where}")
             return None
         place = system.place_of(site)
         near = system.sensed(place)
         reach = system.reach(place) if turn.heard else ()
         if len(turn.sensed) != len(near) or len(turn.heard) != len(reach):
-            self._fail("turns", f"{name}: it was shown other places than it senses")
+            why = "it was shown other places than it senses"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
             return None
         on: dict[Site, Site] = {place: site}
         for slot, version in zip(near, turn.sensed, strict=True):
@@ -201,7 +204,7 @@ class TurnsOfModules:
         fresh = before is None or before.epoch != turn.epoch
         last = 0 if before is None or fresh else before.turn
         if fresh:
-            at.last, at.broken = {}, False
+            at.last, at.known, at.broken = {}, {}, False
         if turn.turn != last + 1:
             at.broken = True
             self._lack(turn.module, turn.epoch, f"{turn_text(turn)} comes after turn {last}")
@@ -230,6 +233,11 @@ class TurnsOfModules:
             return False
         if near is None:
             return True
+        known = at.known.get(near)
+        if known is not None and known[0] == version == at.last[near][0]:
+            if known[1] is not None:
+                on.setdefault(near, known[1])
+            return True
         self._goes_on(turn, at, near, (version, -1))
         there = self._history.at_place(near, version)
         if there is None or not self._was_shown(near, version, None):
@@ -238,6 +246,8 @@ class TurnsOfModules:
                 self._fail("turns", why)
                 return False
             self._not_shown(turn, why, [self._tiles.keeper_of(near)])
+        else:
+            at.known[near] = version, there.site
         if there.site is not None:
             on.setdefault(near, there.site)
         return True
@@ -288,15 +298,15 @@ class TurnsOfModules:
     # Attempts.
 
     def _check_attempt(self, seen: Seen) -> None:
-        turn, name = seen.turn, turn_text(seen.turn)
+        turn = seen.turn
         try:
             due = self._due(seen)
         except NO_SITE as error:
-            self._fail("turns", f"{name}: {type(error).__name__}: {error}")
+            self._fail("turns", f"{turn_text(turn)}: {type(error).__name__}: {error}")
             return
         if turn.number is None:
             if due is not None:
-                self._fail("turns", f"{name} makes no attempt of what was chosen")
+                self._fail("turns", f"{turn_text(turn)} makes no attempt of what was chosen")
             return
         known, numbers = self._said.attempts, self._said.turns
         place = known.get((turn.module, turn.epoch, turn.number))
@@ -304,7 +314,7 @@ class TurnsOfModules:
             # What came to nothing while the module was thinking was not asked of anyone.
             after = numbers.attempt((turn.module, turn.epoch, turn.turn + 1))
             if after not in (None, -1, turn.number):
-                why = f"{name}: its attempt {turn.number} is not on record"
+                why = f"{turn_text(turn)}: its attempt {turn.number} is not on record"
                 self._lack(turn.module, turn.epoch, why)
             return
         self._answered[place] = True
@@ -312,16 +322,17 @@ class TurnsOfModules:
         if told != turn.turn:
             later = numbers.attempt((turn.module, turn.epoch, told))
             if later != turn.number or told < turn.turn:
-                why = f"{name}: attempt {turn.number} says it is of turn {told}"
+                why = f"{turn_text(turn)}: attempt {turn.number} says it is of turn {told}"
                 if later is None and told > turn.turn:
                     self._lack(turn.module, turn.epoch, why)
                 else:
                     self._fail("turns", why)
             return
         if due is None or not known.asks_for(place, due):
-            self._fail("turns", f"{name}: attempt {turn.number} is not what was chosen")
+            why = f"attempt {turn.number} is not what was chosen"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
 
-    def _due(self, seen: Seen) -> Hashable:
+    def _due(self, seen: Seen) -> AskedContent | None:
         """Return the content of the attempt that a choice makes, None if it makes none."""
         turn, system = seen.turn, self._system
         place = system.place_of(seen.site)
@@ -339,24 +350,25 @@ class TurnsOfModules:
             return None
         if move is None:
             notes.setdefault(place, (seen.register, None))
-        units: set[Site] = set()
+        sensed: list[tuple[Site, Site | None]] = []
         if move is not None:
             reads, writes = self._history.units_of(move.action)
-            units = {*reads, *writes, *self._guards(seen)}
-        on = dict(seen.standing)
-        sensed = {unit: on_unit(system, unit, on) for unit in units}
+            units = {*reads, *writes, *self._guards(seen)} if turn.guards else reads | writes
+            sensed = [(unit, on_unit(system, unit, seen.standing)) for unit in units]
         named = None if move is None else (move.generator, move.at)
         asked = {
             at: (tuple(shown), None if new is None else tuple(new))
             for at, (shown, new) in notes.items()
         }
-        return seen.site, named, frozenset(sensed.items()), frozenset(asked.items())
+        return AskedContent(seen.site, named, frozenset(sensed), frozenset(asked.items()))
 
     def _chosen(self, seen: Seen) -> Move | None:
         moves = self._system.moves(seen.site)
         action = seen.turn.action
-        move = moves[action - 1] if 0 < action <= len(moves) else None
-        return move if self._observing.may_make(move, seen.standing) else None
+        if not 0 < action <= len(moves):
+            return None
+        may = self._observing.may_choose(seen.turn.module, seen.site, seen.standing, action)
+        return moves[action - 1] if may else None
 
     def _guards(self, seen: Seen) -> set[Site]:
         system = self._system

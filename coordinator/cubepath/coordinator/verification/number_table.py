@@ -52,17 +52,17 @@ class NumberTable:
 
     def setdefault(self, key: int, value: int) -> int:
         """Return the number of a key, which is `value` if it had none before."""
-        known = self.get(key)
-        if known is not None:
-            return known
-        gap = key - len(self._near)
-        if gap == 0:
-            self._near.append(value)
-        elif gap < 0:
-            self._near[key] = value
+        near = self._near
+        gap = key - len(near)
+        if gap != 0 or self._far:
+            known = self.get(key)
+            if known is not None:
+                return known
+        if gap < 0:
+            near[key] = value
         elif gap <= _GAP + self._count:
-            self._near.extend([_NONE] * gap)
-            self._near.append(value)
+            near.extend([_NONE] * gap)
+            near.append(value)
         else:
             self._far[key] = value
         self._count += 1
@@ -87,7 +87,8 @@ class Names:
 
     def __init__(self) -> None:
         """Begin with no name."""
-        self._tables: dict[int, dict[int, NumberTable]] = {}
+        self._tables: dict[tuple[int, int], NumberTable] = {}
+        self._epochs: dict[int, list[int]] = {}
         self._count = 0
 
     def __len__(self) -> int:
@@ -96,26 +97,27 @@ class Names:
     def get(self, name: Name) -> int | None:
         """Return the number of a name, None if it has none."""
         module, epoch, number = name
-        table = self._tables.get(module, {}).get(epoch)
+        table = self._tables.get((module, epoch))
         return None if table is None else table.get(number)
 
     def place(self, name: Name) -> int:
         """Return the number of a name, the next one if it had none."""
         module, epoch, number = name
-        tables = self._tables.setdefault(module, {})
-        table = tables.get(epoch)
+        table = self._tables.get((module, epoch))
         if table is None:
-            table = tables[epoch] = NumberTable()
+            table = self._tables[module, epoch] = NumberTable()
+            self._epochs.setdefault(module, []).append(epoch)
         found = table.setdefault(number, self._count)
-        self._count += found == self._count
+        if found == self._count:
+            self._count += 1
         return found
 
     def of(self, module: int) -> Iterator[Name]:
         """Yield the names of a module in order."""
-        for epoch, table in sorted(self._tables.get(module, {}).items()):
-            for number in table:
+        for epoch in sorted(self._epochs.get(module, ())):
+            for number in self._tables[module, epoch]:
                 yield module, epoch, number
 
     def __iter__(self) -> Iterator[Name]:
-        for module in sorted(self._tables):
+        for module in sorted(self._epochs):
             yield from self.of(module)

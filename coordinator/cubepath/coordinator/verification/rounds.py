@@ -36,20 +36,32 @@ Moves = dict[int, Move]
 """Moves by the module that makes them."""
 
 
-def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
-    """Return in one line why the action is not admissible at the state, None if it is.
+def is_admissible(action: Action, state: AbstractSet[Site]) -> bool:
+    """Return whether the action is admissible at the state.
 
     Definition: in the fixed part of the support exactly one of the two local states is on, and
     wherever a guarded site is on, so is its neighbour.
     """
     on = action.support & state
+    if (on - action.free if action.free else on) not in action.ends:
+        return False
+    return not action.guards or all(
+        neighbour in on for site, neighbour in action.guards if site in on
+    )
+
+
+def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
+    """Return in one line why the action is not admissible at the state, None if it is."""
+    if is_admissible(action, state):
+        return None
+    on = action.support & state
     if on - action.free not in action.ends:
         there = site_text(tuple(in_order(on)))
         return f"{action.label}: {there} of its support are on, which is neither end"
-    for site, neighbour in action.guards:
-        if site in on and neighbour not in on:
-            return f"{action.label}: {site_text(site)} is on, and {site_text(neighbour)} is not"
-    return None
+    site, neighbour = next(
+        (site, neighbour) for site, neighbour in action.guards if site in on and neighbour not in on
+    )
+    return f"{action.label}: {site_text(site)} is on, and {site_text(neighbour)} is not"
 
 
 def make(action: Action, state: set[Site]) -> None:
