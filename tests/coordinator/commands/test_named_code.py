@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -116,6 +118,7 @@ COMMANDS = [
     "verify 0.mcap",
     "verify 0.mcap --require choices",
     "verify 0.mcap --rule other.py:MINE",
+    "verify 0.mcap --rule other/canary.py:THEIRS",
     "verify 0.mcap --recover saved.mcap",
     "verify 0.mcap 1.mcap --same",
     "verify free-0.mcap",
@@ -231,6 +234,32 @@ def test_choices_are_checked_with_a_file_that_you_give(
     given = ["--rule", f"{canary.parent}/canary.py:MINE", "--require", "choices"]
     assert main(["verify", log, *given]) == 0
     assert canary.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        ("verify 0.mcap --rule nosuch.py:MINE", "nosuch.py: no such file, expected FILE.py:NAME"),
+        ("verify 0.mcap --rule random", "rule 'random': expected FILE.py:NAME of a rule in a file"),
+        (
+            "verify 0.mcap --rule canary.py:YOURS",
+            "no recording names a rule YOURS in a file",
+        ),
+        ("verify named.mcap --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),
+        ("verify named.mcap --rule canary.py:MINE --recover new.mcap", "no recording names a rule"),
+        ("verify parts-of --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),
+    ],
+)
+@pytest.mark.usefixtures("canary")
+def test_a_file_that_is_given_for_nothing_is_refused(command: str, line: str) -> None:
+    """It is not there, or no recording names it; and it did not run."""
+    Path("parts-of").mkdir(exist_ok=True)
+    shutil.copy("named.mcap", "parts-of")
+    with contextlib.redirect_stdout(io.StringIO()):
+        assert line in refused(*command.split())
+    assert not Path("ran").exists()
+    assert not Path("new.mcap").exists()
 
 
 def test_only_what_can_be_required_is_taken() -> None:

@@ -46,6 +46,8 @@ from cubepath.protocol.wire.shell import Shell
 
 _POLL_S = 0.1
 _STEP_S = 0.5
+_TAKE_S = 1.5
+"""An address is given so long to take a connection; a run may just be about to listen there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
 
 def _connected(joining: Joining) -> zenoh.Session:
     """Open a session; patience is for a router that is there, and may stand still."""
-    if not is_reachable(joining.connect, min(ASK_S, joining.patience_s)):
+    if not is_reachable(joining.connect, min(_TAKE_S, joining.patience_s)):
         raise CheckError(f"no zenoh router at {joining.connect}: nobody answers")
     return open_client(joining.connect, joining.patience_s, credentials=joining.credentials)
 

@@ -47,9 +47,11 @@ if TYPE_CHECKING:
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import (
         RULE_MODULE,
+        check_rule_file,
         forget_rule_files,
         is_in_file,
         permitted_rule,
+        stands_for,
     )
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
@@ -74,7 +76,9 @@ else:
             "recorded": "RECORDED Recorded RecordedChoice as_recorded",
             "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
-            "rule_files": "RULE_MODULE forget_rule_files is_in_file permitted_rule",
+            "rule_files": (
+                "RULE_MODULE check_rule_file forget_rule_files is_in_file permitted_rule stands_for"
+            ),
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
             "vector_actors": "VectorActors vector_actors_for",
@@ -113,6 +117,7 @@ __all__ = [
     "actors_for",
     "as_recorded",
     "attempt_of",
+    "check_rule_file",
     "check_seeds",
     "draw_below",
     "draw_fraction",
@@ -131,6 +136,7 @@ __all__ = [
     "rules",
     "scene_and_rule",
     "scheduled",
+    "stands_for",
     "stream",
     "stream_at",
     "unknown_rule",

@@ -17,7 +17,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
-_TRIED = 64
+_TRIED = 16
 """For so many modules a rule is made to see whether it refuses a scene."""
 
 

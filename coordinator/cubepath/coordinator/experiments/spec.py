@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -274,10 +274,11 @@ def _of_scene(
     hashed = scene_hash(scene)
     best_known, proved = _known_of(scene, hashed)
     axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
+    fitting = cache(partial(rule_for, scene=scene))  # as slow as a large scene makes it
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:
-            rule_for(rule, scene, clock)
+            fitting(rule, clock=clock)
             _check_core(core, clock, rates)
         except InputError as error:
             line = _said(instance.label, error)
