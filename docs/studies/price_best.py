@@ -36,10 +36,11 @@ MAX_ROUNDS = 1000
 class Row:
     """The best schedule that is known of one system, and what is proved.
 
-    The run of `rule` with `hesitate` and `seed` had `fewest` cubes, fewer than any other of the
+    The run of `rule` with `hesitate` and `seed` had `fewest` cubes, the fewest of all of the
     study. The best schedule has `best`: `moves` are its moves in order, or None if it is that run.
-    No schedule has fewer than `bound`, by the argument `why`. `seconds` is how long the search
-    took, and `sha256` is of the proof of the bound, which has `size` bytes; None without one.
+    No schedule has fewer than `bound`, by the argument `why`. `seconds` is how long the search took
+    that changed the row last. `sha256` is of the proof of the bound, which has `size` bytes; both
+    are None without one.
     """
 
     system: str
