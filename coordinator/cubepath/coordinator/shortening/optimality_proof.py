@@ -43,13 +43,12 @@ def proof_of(
     of the refutation is read when the proof is written.
     """
     problem, met = refuted.problem, refuted.problem.met
-    needed = 0 if problem.impossible else None
-    variables, made = problem.variables[:needed].copy(), problem.made[:needed]
-    moves = variables[made, 1]
+    variables = problem.variables.copy()
+    moves = variables[problem.made, 1]
     alone = scene is None or system is None
     # With a system only those moves are named that have a variable or stand in the schedule.
     used = np.arange(len(met.actions)) if alone else np.unique(moves // 2)
-    variables[made, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
+    variables[problem.made, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
     actions = [met.actions[place] for place in used.tolist()]
     names = [met.names[place] for place in used.tolist()]
     number = {action: place for place, action in enumerate(actions)}
@@ -57,7 +56,8 @@ def proof_of(
         if action not in number:
             number[action] = len(actions)
             actions.append(action)
-            names.append(None if system is None else _name_of(system, action))
+            name = met.name_of(action)
+            names.append(name if name or system is None else _name_of(system, action))
     named = [name for name in names if name is not None]
     text = None
     if scene is not None and system is not None:
