@@ -13,6 +13,7 @@ from changed_values import with_own_schedule
 from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.free_messages import Asks, Attempt
 from free_numbers import numbered
 from free_runs import free_recorded, free_run, results, write
@@ -47,7 +48,7 @@ from tamperings_of_runs import (
     a_process_that_did_not_answer,
     a_run_that_was_not_interrupted,
 )
-from tamperings_of_schedules import carried_out, fewer_cubes_than_rounds
+from tamperings_of_schedules import carried_out, fewer_cubes_than_rounds, stopped
 from tamperings_of_stages import the_stages_are_of_another_rule
 
 Forgery = Callable[[], Recording]
@@ -230,10 +231,26 @@ def explained(recording: Recording) -> Recording:
 
 
 def without_rest() -> Recording:
-    """Return a run without rounds, without the last turn of a process and its rest."""
+    """Return a run without rounds, without the last message of a process and its rest."""
     whole = gossip()
-    last = [each for each in whole.records if each.topic == "turns/process_1"][-1]
-    return without(whole, lambda each: each is last or each.topic == "rest/process_1")
+    of_it = [each.sequence for each in whole.records if each.topic.endswith("/process_1")]
+    return without(whole, lambda each: each.sequence in of_it[-2:])
+
+
+def less_of(topic: str) -> Recording:
+    """Return a run without rounds without the first message of a topic."""
+    whole = gossip()
+    first = next(each for each in whole.records if each.topic == topic)
+    return without(whole, lambda each: each.sequence == first.sequence)
+
+
+def less_behind_the_stop() -> Recording:
+    """Return a schedule that stopped, with another cube at its end."""
+    recording = stopped()
+    *lines, last = (recording.schedule or b"").splitlines(keepends=True)
+    cube = json.loads(last)
+    schedule = b"".join([*lines, bytes_of({"moves": cube["moves"][::-1][:1]}), b"\n"])
+    return replace(recording, schedule=schedule)
 
 
 def no_schedule(recording: Recording) -> Recording:
@@ -266,6 +283,29 @@ def to_elsewhere(recording: Recording) -> Recording:
     """Return the recording with another goal: the start."""
     scene = recording.scene
     return replace(recording, scene=replace(scene, goal=frozenset(scene.start), goals=()))
+
+
+def with_obstacle(recording: Recording) -> Recording:
+    """Return the recording with one more obstacle, far away."""
+    scene = recording.scene
+    system: Any = scene.system
+    changed = LatticeSystem(
+        system.catalogue,
+        workspace=system.workspace,
+        filled=system.filled,
+        empty={*system.empty, (90, 90)},
+    )
+    return replace(recording, scene=replace(scene, system=changed))
+
+
+def spelled(moves: Any) -> Any:
+    """Return moves with the numbers of their places as decimals."""
+    return [each | {"at": decimal(each["at"])} for each in moves]
+
+
+def decimal(value: Any) -> Any:
+    """Return numbers as decimals, in lists of any depth."""
+    return [decimal(each) for each in value] if isinstance(value, list) else float(value)
 
 
 def at_another_time(recording: Recording) -> Recording:
@@ -409,6 +449,14 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
             chain(), lambda each: b'"serial":3,' in each.data and each.topic == "moved/keeper_1"
         ),
     ),
+    "a message taken out and its place closed, but not the number of its sender": (
+        None,
+        lambda: less_of("turns/process_1"),
+    ),
+    "another number or birth of a message of a keeper": (
+        None,
+        lambda: edited(gossip(), "shows", lambda each: each | {"birth": 2}),
+    ),
     "a message that stands twice": (
         lambda: doubled(crowd(), "reports"),
         lambda: doubled(gossip(), "ask"),
@@ -473,6 +521,7 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "another rule": (a_rule_of_another_run, lambda: told(chain(), rule="random")),
     "other stages": (the_stages_are_of_another_rule, None),
     "a schedule without one of its cubes": (fewer_cubes_than_rounds, less_of_its_schedule),
+    "a cube of the schedule behind where it stopped": (less_behind_the_stop, None),
     "no schedule, where the rule is `schedule`": (
         lambda: no_schedule(carried_out()),
         lambda: no_schedule(scheduled()),
@@ -492,6 +541,14 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         lambda: edited(chain(), "tail", lambda tail: tail | {"refused": 3}, last=True),
     ),
     "the reason of a refusal": (None, lambda: with_part(gossip(), "tell", otherwise)),
+    "whether a tile is shown whole": (
+        None,
+        lambda: edited(
+            gossip(),
+            "shows",
+            lambda each: each | {"whole": False} if each["parts"] and each.get("whole") else None,
+        ),
+    ),
     "what a `look` asked for": (
         None,
         lambda: with_part(
@@ -571,11 +628,19 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "another number of keepers": (None, lambda: told(chain(), keepers="3")),
     "another start": (lambda: from_elsewhere(crowd()), lambda: from_elsewhere(chain())),
     "another goal": (lambda: to_elsewhere(crowd()), lambda: to_elsewhere(chain())),
+    "a part of the scene that nobody comes near": (
+        lambda: with_obstacle(recorded("hex:n=3", "chain", rounds=2)),
+        lambda: with_obstacle(chain()),
+    ),
     "versions and platform; speeds": (
         lambda: told(crowd(), python="4.0", platform="another"),
         lambda: told(chain(), numpy="9.9", speeds="0=2"),
     ),
     "wall times": (lambda: at_another_time(crowd()), lambda: at_another_time(chain())),
+    "another spelling of a number: `1.0` for `1`": (
+        lambda: edited(crowd(), "cube", lambda cube: cube | {"moves": spelled(cube["moves"])}),
+        lambda: edited(chain(), "cube", lambda cube: cube | {"moves": spelled(cube["moves"])}),
+    ),
     "the order of messages that nothing orders": (
         lambda: in_another_order(crowd(), "said", "ready"),
         lambda: in_another_order(gossip(), "ask", "ask"),

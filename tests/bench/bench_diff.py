@@ -24,6 +24,7 @@ from tempfile import TemporaryDirectory
 
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import decode
 
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 from bench_recording import floor, peak, seconds
@@ -45,8 +46,8 @@ def row(folder: Path, parts: int) -> tuple[int, float, float, float, int]:
     shutil.copy(one, copy)
 
     def least() -> None:
-        floor(one)
-        floor(two)
+        floor(one, decode)
+        floor(two, decode)
 
     diff(one, two)  # what is loaded and compiled once does not count
     works = least, partial(diff, one, copy), partial(diff, one, two)

@@ -240,7 +240,15 @@ def test_a_rule_that_is_not_installed_is_not_asked() -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("clock", "lockstep"), ("keepers", "none"), ("keepers", "0"), ("log_time", "noon")],
+    [
+        ("clock", "lockstep"),
+        *(("keepers", each) for each in ("none", "0", "257", "9" * 20)),
+        ("log_time", "noon"),
+        ("on_crash", "never"),
+        *(("jitter", each) for each in ("-1", "nan", "x")),
+        *(("speeds", each) for each in ("9=1", "0=0", "0", "0=1,x=2")),
+        ("wait_for", "1"),
+    ],
 )
 def test_parameters_of_the_clock_are_checked(key: str, value: str) -> None:
     """The format says which clock there was."""

@@ -45,6 +45,11 @@ NUMBER = "expected a whole number of at least 0"
         ("hesitate", "nan", "expected at least 0 and less than 1"),
         ("hesitate", "often", "expected at least 0 and less than 1"),
         ("family", "hex", "expected 'agv', as in the scene"),
+        ("invented", "1", "expected no parameter of this name, which no run has"),
+        ("keepers", "2", "expected none of this name in a run with clock=lockstep"),
+        ("wait_for", "1", "expected none beside processes"),
+        ("part", "1", "expected none without attached"),
+        ("from_round", "2", "expected none without stages"),
     ],
 )
 def test_a_parameter_that_does_not_fit_is_named(key: str, value: str, why: str) -> None:

@@ -98,6 +98,7 @@ def test_goals_of_labelled_vehicles_that_cannot_be(goals: str, message: str) -> 
         ("[[0, 1]]", "[[[2, 1], [true, 1]]]", r"goals\[0\]: a site is .* found true"),
         ("[[true, 1]]", "[]", r"start: a site is .* found true"),
         ('["here"]', "[]", "module starts at 'here': a site of lattice squares is 2 integers"),
+        ("[[0, 2147483648]]", "[]", "is too far away, expected numbers to 1073741824"),
     ],
 )
 def test_cells_that_cannot_be(start: str, goals: str, message: str) -> None:

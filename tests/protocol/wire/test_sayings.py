@@ -33,6 +33,14 @@ def test_what_is_said_again_is_the_same_byte_for_byte() -> None:
     assert sayings.again(Repeat("process_0", 2, 6, 99)) == []
 
 
+def test_each_part_is_said_once() -> None:
+    """Whoever asks for a thing twice in one message has asked for it once."""
+    one, two = Look("0", 1), Look("1", 1)
+    said = decode_free(Sayings("run", 1).say(Asks(0, 1, [one, two, one])).data)
+    assert isinstance(said, Asks)
+    assert said.parts == [one, two]
+
+
 def test_what_is_kept_is_bounded() -> None:
     """In number and in bytes, and so is one answer."""
     sayings = Sayings("run", 1)

@@ -123,11 +123,14 @@ class Losses:
         return any(self.of(keeper_name(keeper)) for keeper in keepers)
 
     def at_rest(self, process: int) -> bool:
-        """Return whether a process says that it rests after all that it did, in its last birth."""
-        acted, rested = self._acted.get(process), self._rested.get(process)
-        if acted is None or rested is None:
+        """Return whether a process says that it rests after all that it did, in its last birth.
+
+        If nothing is on record of what it said in that birth, this counts as missing.
+        """
+        acted, rested = self._acted.get(process, (-1, 0)), self._rested.get(process)
+        if rested is None or rested < acted:
             return False
-        return acted[0] == rested[0] and acted <= rested
+        return acted[0] == rested[0] or rested[1] > 0
 
     def before(self, module: int, epoch: int) -> bool:
         """Return whether an epoch was one of a fleet before the last: its end may be cut off."""

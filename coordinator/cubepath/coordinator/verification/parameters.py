@@ -24,6 +24,15 @@ _OF_LOCKSTEP = frozenset(
     )
 )
 _OF_FREE = frozenset(("keepers", "on_crash", "speeds", "jitter"))
+_BESIDE = {
+    **dict.fromkeys(("from_round", "what_if", "live"), "stages"),
+    **dict.fromkeys(("parent", "parent_path_digest", "parent_sha256"), "stages"),
+    "repair": "schedule",
+    PART: ATTACHED,
+    FILTERED: _WHOLE,
+    SPLIT: _WHOLE,
+}
+"""Parameters that stand beside others alone."""
 KNOWN = frozenset(
     (
         *("system", "family", "rule", "seed", "hesitate", "processes", "modules", "max_rounds"),
@@ -68,6 +77,11 @@ def _check_names(recording: Recording, wrong: Callable[[str, str], None]) -> Non
         wrong(key, "no parameter of this name, which no run has")
     for key in sorted(told.keys() & others):
         wrong(key, f"none of this name in a run with clock={recording.clock}")
+    for key, other in _BESIDE.items():
+        if key in told and other not in told:
+            wrong(key, f"none without {other}")
+    if "wait_for" in told and "processes" in told:
+        wrong("wait_for", "none beside processes")
     for key in _NUMBERS:
         if key in told and _number(told[key]) is None:
             wrong(key, "a whole number of at least 0")
@@ -107,8 +121,6 @@ def _check_schedule(recording: Recording, wrong: Callable[[str, str], None]) -> 
         wrong("rule", "'schedule', since there is one on record")
     if recording.schedule is None and told.get("rule") == "schedule":
         wrong("rule", "a schedule on record, which modules carried out")
-    if "repair" in told and "schedule" not in told:
-        wrong("repair", "none, since there is no schedule that it could go on after")
     if "schedule" in told and hesitation_in(told):
         wrong("hesitate", "0, since a schedule has a round for every cube")
 
