@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import msgspec
 import pytest
@@ -18,12 +18,13 @@ from cubepath.protocol.wire.free_messages import (
     Entered,
     FreeMessage,
     Moved,
+    Rest,
     Shows,
     Tells,
     Turns,
     decode_free,
 )
-from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.messages import Summary, encode
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 from free_numbers import numbered
 from free_runs import asked, free_recorded, free_run, results, write
@@ -183,6 +184,45 @@ def test_choices_are_checked_up_to_a_gap() -> None:
         found = asked(replace(lost, records=records))
         assert ("choices" in failing(found)) is fails
         assert "choices" in unchecked(found)
+
+
+@pytest.mark.parametrize("processes", [{}, {"processes": "3"}, {"processes": None}])
+def test_every_process_rests_at_the_end(processes: dict[str, str | None]) -> None:
+    """Also one that has said nothing, and where it is not known how many there are."""
+    whole = free_recorded(SPEC, moves=MOVES)
+    kept = {k: v for k, v in {**whole.parameters, **processes}.items() if v is not None}
+    recording = replace(whole, parameters=kept)
+    assert failing(asked(recording)) == ({"complete"} if processes.get("processes") else set())
+    for number in range(2):
+        is_rest = partial(said_by, Rest, number)
+        assert failing(asked(without(recording, is_rest))) == {"complete"}
+
+
+def said_by(kind: type[Rest], process: int, message: FreeMessage) -> bool:
+    """Return whether a message is of a kind and a process."""
+    return isinstance(message, kind) and message.process == process
+
+
+@pytest.mark.parametrize("on_crash", ["stop", "continue"])
+@pytest.mark.parametrize("ended", ["failed", "max-rounds"])
+def test_where_a_process_may_be_dead_its_end_is_not_checked(on_crash: str, ended: str) -> None:
+    """It may have died before it could say that it rests, in a run that failed or went on."""
+    whole = without(free_recorded(SPEC, moves=MOVES), partial(said_by, Rest, 1))
+    (record,) = whole.of_kind("summary")
+    error = None if ended == "max-rounds" else "process_1 died"
+    summary = decode_free(record.data)
+    assert isinstance(summary, Summary)
+    changed = replace(
+        record, data=encode(msgspec.structs.replace(summary, ended=ended, error=error))
+    )
+    records = tuple(changed if each == record else each for each in whole.records)
+    told = {**whole.parameters, "on_crash": on_crash}
+    found = asked(replace(whole, records=records, parameters=told))
+    if (on_crash, ended) == ("stop", "max-rounds"):
+        assert failing(found) == {"complete"}
+    else:
+        assert failing(found) == set()
+        assert unchecked(found) == {"complete"}
 
 
 def test_two_messages_with_one_number_are_found() -> None:

@@ -224,7 +224,9 @@ def _check_said(
     open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
     whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
     losses = transcript.losses
-    awake = [each for each in range(processes_of(recording) or 0) if not losses.at_rest(each)]
+    known = processes_of(recording)
+    processes = losses.processes if known is None else range(known)
+    awake = [each for each in processes if not losses.at_rest(each)]
     for process in awake if has_end else ():
         why = f"process_{process} does not say that it rests: its last messages may be missing"
         losses.lack(fail, "complete", why, excused=open_end)

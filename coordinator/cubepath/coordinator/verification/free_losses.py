@@ -122,6 +122,11 @@ class Losses:
         """Return whether anything is missing that one of these keepers said."""
         return any(self.of(keeper_name(keeper)) for keeper in keepers)
 
+    @property
+    def processes(self) -> list[int]:
+        """Return the processes that did anything."""
+        return sorted(self._acted)
+
     def at_rest(self, process: int) -> bool:
         """Return whether a process says that it rests after all that it did, in its last birth.
 
