@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from io import BytesIO
 from math import cos, exp, log, pi, sin, sqrt
+from statistics import median
 from typing import Any
 
 import matplotlib as mpl
@@ -26,6 +27,7 @@ FILES = {
     "flips": "flip-diameter.json",
     "hexagons": "hexagon-shapes.json",
     "gaps": "three-gaps.json",
+    "torsion": "torsion.json",
 }
 Rows = list[dict[str, Any]]
 _STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
@@ -102,6 +104,7 @@ def gaps_table(rows: Rows) -> str:
         "cubes, h 0",
         "cubes, h ½",
         "fewest",
+        "median",
         "optimum",
         "proved by",
         "timing, h 0",
@@ -125,9 +128,45 @@ def gaps_table(rows: Rows) -> str:
                 row["rule"],
                 *means,
                 row["fewest"],
+                f"{median(cubes for runs in row['runs'] for _, cubes in runs):g}",
                 best,
                 row["why"] if proved else None,
                 *(f"{factor:.2f}" for factor in each),
+            ]
+        )
+    return markdown(columns, lines)
+
+
+def torsion_table(rows: Rows) -> str:
+    """Return the table of homology with torsion."""
+    columns = [
+        "grid",
+        "vehicles",
+        "squares",
+        "cubes",
+        "rank of the cubes, mod 2",
+        "mod 3",
+        "torsion of H_2",
+        "pairs of junctions",
+        "can change places",
+        "tori that bound mod 3",
+        "mod 2",
+    ]
+    lines = []
+    for row in rows:
+        ranks = [f"{row['ranks'][prime][2]:,}" for prime in ("2", "3")]
+        torsion = [factors for k, factors in enumerate(row["torsion"]) if k == 2]
+        assert not any(factors for k, factors in enumerate(row["torsion"]) if k != 2)
+        lines.append(
+            [
+                f"{row['columns']}x{row['rows']}",
+                row["vehicles"],
+                *(f"{count:,}" for count in row["cells"][2:4]),
+                *ranks,
+                " + ".join(f"**Z/{factor}**" for factor in torsion[0]) or "none",
+                row["pairs"],
+                row["swapping"],
+                *(row["bounding"] or (None, None)),
             ]
         )
     return markdown(columns, lines)
@@ -241,14 +280,59 @@ def _panel(axes: Axes, kind: str, several: Rows) -> None:
     axes.set_xlabel("modules", fontsize=8)
 
 
+def torsion_picture(rows: Rows) -> bytes:
+    """Return an exchange at a junction, and how the exchanges at two of them change places."""
+    way = next(row["way"] for row in rows if row["way"])
+    places = ((1, 2), (1, 0), (1, 3), (0, 3), (2, 3), (2, 0), (2, 1))
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(9.6, 3.9), layout="constrained", dpi=110)
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1, 2.3]).flat
+        at = ((0, 0), (-1, 0), (0, 1), (1, 0))
+        for axes, standing in zip(above.subplots(1, len(places)), places, strict=True):
+            for leaf in at[1:]:
+                axes.plot(*zip(at[0], leaf, strict=True), color=_INK, linewidth=1.2, zorder=1)
+            axes.scatter(*zip(*at, strict=True), s=70, color="white", edgecolor=_INK, zorder=2)
+            for name, place in zip("ab", standing, strict=True):
+                axes.scatter(*at[place], s=110, color=_BLUE, zorder=3)
+                axes.text(
+                    *at[place], name, color="white", fontsize=8, ha="center", va="center_baseline"
+                )
+            axes.set_xlim(-1.4, 1.4)
+            axes.set_ylim(-0.4, 1.4)
+            axes.set_aspect("equal")
+            axes.axis("off")
+        for axes, pair in zip(below.subplots(1, len(way)), way, strict=True):
+            for x, y in [(x, y) for x in range(5) for y in range(5)]:
+                for there in ((x + 1, y), (x, y + 1)):
+                    if max(there) < 5:
+                        axes.plot(*zip((x, y), there, strict=True), color=_GREY, zorder=0)
+            for (middle, *leaves), color in zip(pair, (_BLUE, _ORANGE), strict=True):
+                for leaf in leaves:
+                    axes.plot(*zip(middle, leaf, strict=True), color=color, linewidth=4, zorder=1)
+                axes.scatter(*zip(middle, *leaves, strict=True), s=50, color=color, zorder=2)
+            axes.set_aspect("equal")
+            axes.axis("off")
+        return _png(figure)
+
+
 def _size(system: str) -> int:
     found = re.search(r"n=(\d+)", system)
     assert found is not None
     return int(found[1])
 
 
-TABLES = {"flips": flips_table, "hexagons": hexagons_table, "gaps": gaps_table}
-PICTURES = {"flips": flips_picture, "hexagons": hexagons_picture, "gaps": gaps_picture}
+TABLES = {
+    "flips": flips_table,
+    "hexagons": hexagons_table,
+    "gaps": gaps_table,
+    "torsion": torsion_table,
+}
+PICTURES = {
+    "flips": flips_picture,
+    "hexagons": hexagons_picture,
+    "gaps": gaps_picture,
+    "torsion": torsion_picture,
+}
 
 
 def tables_of_page() -> dict[str, str]:

@@ -19,17 +19,25 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.sayings import Sayings
 
 
-def numbered(messages: Sequence[FreeMessage], processes: int = 2) -> list[FreeMessage]:
-    """Return the messages with the numbers that their senders give, and the last of each."""
-    sayings: dict[str, Sayings] = {}
-    found: list[FreeMessage] = []
-    for message in (*messages, *map(Rest, range(processes))):
-        said = sayings.setdefault(free_sender(message), Sayings("run", 1))
+class Numbering:
+    """The numbers that senders give their messages."""
+
+    def __init__(self) -> None:
+        """Begin before the first message."""
+        self._sayings: dict[str, Sayings] = {}
+
+    def numbered(self, message: FreeMessage) -> FreeMessage:
+        """Return a message with its number, or the last one of its sender."""
+        said = self._sayings.setdefault(free_sender(message), Sayings("run", 1))
         match message:
             case Asks() | Passes() | Tells() | Shows() | Turns():
-                found.append(decode_free(said.say(message).data))
+                return decode_free(said.say(message).data)
             case Tail() | Rest():
-                found.append(decode_free(said.tell(message).data))
+                return decode_free(said.tell(message).data)
             case _:
-                found.append(message)
-    return found
+                return message
+
+
+def numbered(messages: Sequence[FreeMessage], processes: int = 2) -> list[FreeMessage]:
+    """Return the messages with the numbers that their senders give, and the last of each."""
+    return [*map(Numbering().numbered, (*messages, *map(Rest, range(processes))))]

@@ -17,8 +17,9 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.local.observation import observe
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.attempting import attempt_of
-from cubepath.agents.rules.rule import InitialKnowledge
+from cubepath.agents.rules.rule import InitialKnowledge, RuleType
 from cubepath.agents.rules.streams import RULE, stream
+from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -39,6 +40,7 @@ from cubepath.protocol.wire.free_messages import (
     Look,
     Moved,
     Passes,
+    Rest,
     Shown,
     Shows,
     Tail,
@@ -50,7 +52,7 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import Certified, Cube, Edges, Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
-from free_numbers import numbered
+from free_numbers import Numbering, numbered
 from free_rules import GOSSIP
 from recordings import new_path
 
@@ -82,8 +84,17 @@ class _Module:
 class FreeRun:
     """One run: keepers, modules in processes, and a wire that is a bag of messages."""
 
-    def __init__(self, spec: str, *, keepers: int = 3, processes: int = 2, seed: int = 0) -> None:
-        """Begin at the start of the scene."""
+    def __init__(
+        self,
+        spec: str,
+        *,
+        keepers: int = 3,
+        processes: int = 2,
+        seed: int = 0,
+        rule: RuleType = GOSSIP,
+        record: Callable[[FreeMessage], object] | None = None,
+    ) -> None:
+        """Begin at the start of the scene; messages are recorded, or passed on to be."""
         self.scene: Scene = scene_from_spec(spec)
         self.system = self.scene.system
         self.seed, self.random = seed, Random(seed)  # noqa: S311 - a seeded one
@@ -98,7 +109,10 @@ class FreeRun:
         """The tiles that were shown whole, to all processes."""
         self.wire: list[FreeMessage] = []
         self.record: list[FreeMessage] = []
+        self.put_on_record = self.record.append if record is None else record
         self.moves = 0
+        self.rule = rule
+        self.note_length = rule.length(len(self.modules), "free")
 
     def play(self, moves: int, *, restarts: int = 0) -> list[FreeMessage]:
         """Play until so many moves were made and all is quiet; return the messages on record."""
@@ -127,7 +141,7 @@ class FreeRun:
         self.wire.append(message)
         if self.random.random() < 0.1:
             self.wire.append(message)
-        self.record.append(message)
+        self.put_on_record(message)
 
     def _step(self, *, acting: bool) -> None:
         if self.wire and self.random.random() < 0.7:
@@ -153,7 +167,7 @@ class FreeRun:
             for message in keeper.said():
                 self.moves += isinstance(message, Moved) and message.generator is not None
                 if isinstance(message, Moved | Tail):
-                    self.record.append(message)
+                    self.put_on_record(message)
                 else:
                     self._put(message)
 
@@ -223,7 +237,7 @@ class FreeRun:
                 self.scene.goals[module.number] if self.scene.goals else (),
                 stream(self.seed, module.number, RULE),
             )
-            module.actor = Actor(GOSSIP, knowledge, clock="free")
+            module.actor = Actor(self.rule, knowledge, clock="free")
             return
         module = self.modules[part.module]
         asked = module.asked
@@ -249,11 +263,10 @@ class FreeRun:
         sensed = [
             None if near is None else shown.get(near, NOTHING) for near in system.sensed(place)
         ]
-        reach = [shown.get(near, NOTHING) for near in system.reach(place)]
+        within = system.reach(place) if self.note_length else ()
+        reach = [shown.get(near, NOTHING) for near in within]
         notes = {
-            near: tuple(there.note)
-            for near, there in zip(system.reach(place), reach, strict=True)
-            if there.note
+            near: tuple(there.note) for near, there in zip(within, reach, strict=True) if there.note
         }
         occupants = {
             near: site_from_json(there.site)
@@ -267,7 +280,7 @@ class FreeRun:
             occupants,
             goals=frozenset(goals),
             notes=notes,
-            note_length=2,
+            note_length=self.note_length,
             register=tuple(module.note),
         )
         assert module.actor is not None
@@ -304,7 +317,7 @@ class FreeRun:
             [(to_json(at), list(note)) for at, note in choice.exchanges.items()],
             None if attempt is None else attempt.number,
         )
-        self.record.append(Turns(self._process(module), [turn]))
+        self.put_on_record(Turns(self._process(module), [turn]))
         if attempt is not None:
             self._ask(module, attempt)
 
@@ -337,8 +350,14 @@ def results(scene: Scene, messages: Sequence[FreeMessage], keepers: int) -> list
                 found.tail(message)
             case _:
                 pass
+    return results_of(found)
+
+
+def results_of(found: FreeGatherer) -> list[FreeMessage]:
+    """Return what a coordinator says at the end of what it gathered."""
     last, heap = found.rounds, found.heap
-    proof = encodable_certificate(found.path, start=scene.start_state, found=heap.normal_form())
+    start = found.scene.start_state
+    proof = encodable_certificate(found.path, start=start, found=heap.normal_form())
     return [
         *(Edges(step.round, list(step.executed)) for step in found.steps),
         *(Cube(last, number, list(cube)) for number, cube in enumerate(found.cubes(), 1)),
@@ -368,7 +387,18 @@ def write(
     wall: bool = False,
 ) -> Path:
     """Write a recording of a run with these messages."""
-    parameters = {
+    parameters = _parameters(scene, keepers, seed)
+    if wall:
+        parameters["log_time"] = "wall"
+    with RecordingWriter(path, scene, parameters) as writer:
+        put = _recorder(writer, wall=wall)
+        for message in messages:
+            put(message)
+    return path
+
+
+def _parameters(scene: Scene, keepers: int, seed: int) -> dict[str, str]:
+    return {
         "system": scene.spec,
         "family": scene.family,
         "rule": RULE_NAME,
@@ -378,20 +408,47 @@ def write(
         "modules": str(len(scene.start)),
         "clock": "free",
         "keepers": str(keepers),
-        "log_time": "wall" if wall else "level",
+        "log_time": "level",
     }
+
+
+def _recorder(writer: RecordingWriter, *, wall: bool = False) -> Callable[[FreeMessage], None]:
+    """Return what to call with each message, in order."""
     level = 0
+
+    def put(message: FreeMessage) -> None:
+        nonlocal level
+        level = max(level, level_of(message))
+        wall_ns = 1_700_000_000_000_000_000 + writer.messages * 1_000_000
+        writer.write(
+            free_topic(message),
+            encode(message),
+            round_number=wall_ns if wall else level,
+            wall_ns=wall_ns,
+        )
+
+    return put
+
+
+def write_long(path: Path, spec: str, moves: int, *, keepers: int = 3) -> int:
+    """Write the recording of a whole run of random moves, of any length; return its messages."""
+    numbering = Numbering()
+    scene = scene_from_spec(spec)
+    gatherer = FreeGatherer(scene, keepers)
+    parameters = _parameters(scene, keepers, 0) | {"rule": RANDOM.name}
     with RecordingWriter(path, scene, parameters) as writer:
-        for number, message in enumerate(messages):
-            level = max(level, level_of(message))
-            wall_ns = 1_700_000_000_000_000_000 + number * 1_000_000
-            writer.write(
-                free_topic(message),
-                encode(message),
-                round_number=wall_ns if wall else level,
-                wall_ns=wall_ns,
-            )
-    return path
+        put = _recorder(writer)
+
+        def record(message: FreeMessage) -> None:
+            put(numbering.numbered(message))
+            if isinstance(message, Moved | Tail):
+                gatherer.take(message)
+
+        run = FreeRun(spec, keepers=keepers, rule=RANDOM, record=record)
+        run.play(moves)
+        for message in (*map(Rest, range(run.processes)), *results_of(gatherer)):
+            put(numbering.numbered(message))
+        return writer.messages
 
 
 @cache

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from batched import PHASE, PROCESSES, batches, counted
+from batched import PROCESSES, batches
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
 from cubepath.agents.rules.actor import actors_for
@@ -16,7 +16,6 @@ from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
@@ -31,11 +30,11 @@ from cubepath.protocol.wire.messages import (
     Part,
     Ready,
     Report,
+    Reports,
     Said,
     Summary,
     Verdict,
     encode,
-    kind_of,
 )
 
 
@@ -80,14 +79,12 @@ def said(
         yield found
 
 
-def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int = 0) -> int:
+def write(path: Path, scene: Scene, most_parts: int, *, seed: int = 0) -> int:
     """Write the recording of a run of random moves; return the number of parts in it."""
     written = 0
     gatherer = Gatherer(scene)
     parameters = {"system": scene.spec, "rule": "random", "seed": str(seed), "hesitate": "0.0"}
-    processes = PROCESSES if batched else 1
-    written_as = FORMATS[batched]
-    with RecordingWriter(path, scene, parameters, written_as=written_as) as writer:
+    with RecordingWriter(path, scene, parameters) as writer:
 
         def say(message: Message) -> None:
             writer.write(
@@ -97,13 +94,12 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
                 wall_ns=writer.messages,
             )
 
-        for process in range(processes):
+        for process in range(PROCESSES):
             say(Ready(0, process, "join"))
         for parts in said(scene, seed=seed):
             number = parts[0].round
             written += len(parts)
-            told = batches(scene.system, [*map(_counted, parts)]) if batched else parts
-            for message in paced(number, [*told], processes):
+            for message in paced(number, [*batches(scene.system, parts)]):
                 say(message)
             for part in parts:
                 if isinstance(part, Report):
@@ -117,15 +113,15 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
     return written
 
 
-def paced(number: int, told: Sequence[Message], processes: int) -> Iterator[Message]:
+def paced(number: int, told: Sequence[Said | Reports]) -> Iterator[Message]:
     """Yield what is said in a round, with what begins and ends its phases."""
     before: Counter[str] = Counter()
     for phase in ("sense", "claim", "settle"):
         yield Go(number, phase, dict(sorted(before.items())))
         before.clear()
-        own: dict[int, Counter[str]] = {process: Counter() for process in range(processes)}
+        own: dict[int, Counter[str]] = {process: Counter() for process in range(PROCESSES)}
         for message in told:
-            if _phase_of(message) != phase:
+            if (message.phase if isinstance(message, Said) else "settle") != phase:
                 continue
             if isinstance(message, Said):
                 own[message.process][message.region] += 1
@@ -133,16 +129,6 @@ def paced(number: int, told: Sequence[Message], processes: int) -> Iterator[Mess
             yield message
         for process, counts in own.items():
             yield Ready(number, process, phase, dict(counts))
-
-
-def _phase_of(message: Message) -> str:
-    if isinstance(message, Said):
-        return message.phase
-    return PHASE.get(kind_of(message), "settle")
-
-
-def _counted(part: Part | Report) -> Part | Report:
-    return counted(part) if isinstance(part, Report) else part
 
 
 def results(gatherer: Gatherer) -> Iterator[Cube | Certified | Summary]:

@@ -142,6 +142,7 @@ class Refutation:
             for time in self.window(move):
                 self.variable("move", move, time)
         if self.contradiction:
+            self.variables.clear()
             self.clauses.append([])
             return
         self.say()
@@ -373,7 +374,7 @@ def claim_of(
         cubes=len(cubes),
         solver="cadical195",
         moves=mine if named is None else [named[action] for action in mine],
-        sites=found.sites,
+        sites=() if found.contradiction else found.sites,
         variables=found.rows(mine),
         ladders=found.ladders,
         groups=found.groups,

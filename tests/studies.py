@@ -7,10 +7,12 @@ into docs/studies, the picture beside it, and the tables into the page, between 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import matplotlib as mpl
@@ -73,14 +75,48 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 # The price of decentralisation.
 
 
+def _best() -> dict[str, Row]:
+    rows = json.loads((FOLDER / "price-best.json").read_text("utf-8"))
+    return {row["system"]: row for row in rows}
+
+
+def with_best(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of the study of prices with the best schedules on file, and their bounds."""
+    best = _best()
+    return [
+        row
+        | {
+            "bound": max(known["bound"], row["bound"] or 0),
+            "best_known": known["best"],
+            "optimum": known["best"] if known["proved"] else None,
+        }
+        for row in rows
+        for known in [best[row["system"]]]
+    ]
+
+
 def price_tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page on prices: of the rules, and of chance beside them."""
     chance = {row["system"] for row in rows if row["rule"] == "random"}
+    rows = with_best(rows)
     reached = priced(rows)
     return {
         "rules": _price_table(rows, reached, lambda system: system not in chance),
         "chance": _price_table(rows, reached, lambda system: system in chance),
+        "open": _open_table(),
     }
+
+
+def _open_table() -> str:
+    columns = ["system", "fewest of all runs", "best", "bound", "bound by"]
+    return markdown(
+        columns,
+        [
+            [f"`{row['system']}`", row["fewest"], row["best"], row["bound"], row["why"]]
+            for row in _best().values()
+            if not row["proved"]
+        ],
+    )
 
 
 def _price_table(rows: Sequence[Row], reached: Sequence[Row], mine: Callable[[str], bool]) -> str:
@@ -93,8 +129,11 @@ def _price_table(rows: Sequence[Row], reached: Sequence[Row], mine: Callable[[st
         both = [by_setting.get((system, rule, hesitate), []) for hesitate in (0.0, 0.5)]
         first = next((each[0] for each in both if each), None)
         bound = max((row["bound"] for row in several if row["bound"] is not None), default=None)
-        line += [bound, None if first is None else first["best"]]
-        line += [None if first is None else first[FACTORS[2]]]
+        if first is None:
+            line += [bound, None, None, None]
+        else:
+            cubes = [row["cubes"] for each in both for row in each]
+            line += [bound, first["best"], first[FACTORS[2]], median(cubes) / first["best"]]
         for each in both:
             for name in ("class", "timing", "price"):
                 line.append(geometric_mean_interval([row[name] for row in each]) if each else None)
@@ -102,13 +141,13 @@ def _price_table(rows: Sequence[Row], reached: Sequence[Row], mine: Callable[[st
         found.append(line)
     parts = ("class", "timing", "price")
     half = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in parts]
-    return markdown(["system", "rule", "bound", "best", "rule", *half, "arrived"], found)
+    return markdown(["system", "rule", "bound", "best", "rule", "median", *half, "arrived"], found)
 
 
 def price_picture(rows: Sequence[Row]) -> bytes:
     """Return the picture of the page on prices: the systems that are played by their rule alone."""
     chance = {row["system"] for row in rows if row["rule"] == "random"}
-    plot = price_plot([row for row in rows if row["system"] not in chance])
+    plot = price_plot([row for row in with_best(rows) if row["system"] not in chance])
     assert plot is not None
     return plot.png
 

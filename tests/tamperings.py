@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Cube, Heard, Report, Said, decode
+from cubepath.protocol.wire.messages import Claim, Cube, Report, Said, decode
 from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 
 Tampering = Callable[[], Recording]
@@ -337,7 +337,6 @@ def heard_from_far_away() -> Recording:
 
 def hearing(report: Report, kind: str, module: int) -> Report:
     """Return the report with one more delivery."""
-    assert isinstance(report.heard, dict)
     heard = {**report.heard, kind: [*report.heard.get(kind, []), module]}
     return replace(report, heard=heard)
 
@@ -349,20 +348,9 @@ def heard_what_nobody_said() -> Recording:
 
 
 @tampers("deliveries")
-def heard_from_another_place() -> Recording:
-    # In format 1 a report says where those stood whom it heard.
-    whole = crowd()
-    report = first(whole, "report", lambda message: message.heard)
-    stood = {each.module: each.before for each in reports_in(whole, report.round)}
-    heard = [Heard(kind, module, stood[module]) for kind, module, _ in report.deliveries()]
-    heard[0] = replace(heard[0], site=report.before)
-    return edited(crowd(), report, replace(report, heard=heard))
-
-
-@tampers("deliveries")
 def heard_twice() -> Recording:
     report = first(crowd(), "report", lambda message: message.heard)
-    kind, module, _ = next(iter(report.deliveries()))
+    kind, module = next(iter(report.deliveries()))
     return edited(crowd(), report, hearing(report, kind, module))
 
 

@@ -141,11 +141,6 @@ def a_note_by_itself() -> Recording:
     return inserted(crowd(), settle, note)
 
 
-@tampers("batches")
-def another_format() -> Recording:
-    return with_fields(crowd(), format="cubepath-recording-1")
-
-
 # The pace.
 
 

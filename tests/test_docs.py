@@ -49,6 +49,8 @@ SHOWN = {
     " minutes; tests/test_findings.py",
     "python docs/studies/hexagon_shapes.py 1..12 -o docs/studies/hexagon-shapes.json   # no seed:"
     " nothing is drawn": "takes minutes; tests/test_findings.py",
+    "python docs/studies/torsion.py -o docs/studies/torsion.json   # some minutes; nothing is"
+    " drawn at random": "takes minutes; tests/test_findings.py",
     "pip install 'cubepath[proofs]'": "before a study that takes hours; tests/test_findings.py",
     "cubepath run hex:n=12 --listen tcp/127.0.0.1:17447 --wait-for 1": "one terminal of three",
     "cubepath record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",

@@ -18,12 +18,15 @@ import pytest
 import flip_diameter
 import hexagon_shapes
 import three_gaps
+import torsion
+from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.shape_complexes import (
     Shape,
     normal_place,
     shape_complex,
     steps_at,
 )
+from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.satisfiability import MetMoves, encode
 from cubepath.coordinator.satisfiability.solver_process import SolverProcess
@@ -58,7 +61,7 @@ def test_the_page_has_the_tables_of_its_rows() -> None:
         assert (DOCS / f"findings-{name}.png").stat().st_size < 60_000
 
 
-@pytest.mark.parametrize("script", [flip_diameter, hexagon_shapes, three_gaps])
+@pytest.mark.parametrize("script", [flip_diameter, hexagon_shapes, three_gaps, torsion])
 def test_the_scripts_make_their_first_rows(
     script: ModuleType,
     tmp_path: Path,
@@ -319,3 +322,121 @@ def test_optima_are_those_of_the_standard_set() -> None:
     for each, row in both:
         assert row["bound"] <= each.best
         assert each.bound <= row["best"]
+
+
+# Torsion.
+
+
+def test_ranks_differ_where_there_is_torsion() -> None:
+    """Modulo 2 and 3, once for each Z/2; where exchanges can change places tori bound twice."""
+    for row in committed("torsion"):
+        ranks = row["ranks"]["2"], row["ranks"]["3"]
+        lost = [three - two for two, three in zip(*ranks, strict=True)]
+        assert lost == [len(factors) for factors in row["torsion"][:-1]]
+        assert all(factors == [2] * len(factors) for factors in row["torsion"])
+        if row["pairs"] is not None:
+            assert row["bounding"] == [row["swapping"], 0]
+            assert bool(row["swapping"]) == any(lost)
+        assert (row["way"] is None) == (not row["swapping"])
+
+
+@pytest.mark.slow
+def test_twice_the_torus_is_a_boundary() -> None:
+    """The torus has 36 squares; the cubes that it sweeps on the way of the page have it twice."""
+    row = next(row for row in committed("torsion") if row["way"])
+    exchanges = torsion.Exchanges(torsion.grid(5, 5))
+    way = exchanges.way(torsion.PAIR)
+    assert way is not None
+    assert json.loads(json.dumps(way)) == row["way"]
+    torus, swept = torsion.torus(torsion.PAIR), exchanges.filling(way)
+    assert len(torus) == 36
+    assert not torsion.boundary(torus)
+    assert len(swept) == row["swept"]
+    assert torsion.boundary(swept) == {square: 2 * count for square, count in torus.items()}
+
+
+@pytest.mark.thorough
+def test_exchanges_of_one_kind_are_homologous_over_the_integers() -> None:
+    """Their difference is the boundary of squares that keep away from the junction beside them."""
+    exchanges = torsion.Exchanges(torsion.grid(5, 5))
+    for taken in exchanges.junctions:
+        first: dict[Any, torsion.Junction] = {}
+        for junction in exchanges.junctions:
+            if set(junction) & set(taken):
+                continue
+            known = first.setdefault(exchanges.kind(junction, taken), junction)
+            difference = Counter(torsion.exchange(junction))
+            difference.subtract(torsion.exchange(known))
+            squares = exchanges.between(junction, known, taken)
+            assert torsion.boundary(squares) == {k: n for k, n in difference.items() if n}
+            for moving, standing in squares:
+                assert set(taken).isdisjoint(standing.union(*moving))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.thorough), 199])
+def test_a_count_is_even_on_every_boundary_and_odd_on_the_torus(step: int) -> None:
+    """So the torus is no boundary, modulo 2 or otherwise; the shorter test looks at some cubes."""
+    assert sum(map(torsion.twisted, torsion.torus(torsion.PAIR))) % 2
+    cubes = list(torsion.cells(torsion.grid(5, 5), 4, 3))
+    assert len(cubes) == 126_008
+    for cube in cubes[::step]:
+        assert sum(torsion.twisted(face) for face, _ in torsion.faces(cube)) % 2 == 0
+
+
+@pytest.mark.parametrize(
+    ("word", "sign"),
+    [((0, 0), 0), ((0, 1, 0, 1, 0, 1), 0), ((1, 2, 1, 2, 1, 2), 0), ((0, 2, 0, 2), 1), ((), 0)],
+)
+def test_swaps_are_lifted_as_they_should(word: tuple[int, ...], sign: int) -> None:
+    """Far ones anticommute; all other relations of the symmetric group hold."""
+    assert torsion.lifted_sign(word) == sign
+
+
+@pytest.mark.thorough
+def test_the_torus_by_the_arrays_of_the_complex() -> None:
+    """By the project's own cubes and signs: 0 modulo 3, not modulo 2; twice it is a boundary."""
+    built = state_complex(explore(scene_from_spec("agv:graph=grid5x5,n=4")))
+    ends = [tuple(next(iter(end)) for end in action.ends) for action in built.explored.bits.actions]
+    number: list[dict[torsion.Cell, tuple[int, int]]] = []
+    for dimension in (2, 3):
+        names: dict[torsion.Cell, tuple[int, int]] = {}
+        both = zip(built.bases[dimension], built.actions[dimension], strict=True)
+        for place, (base, actions) in enumerate(both):
+            moves: Any = [ends[action] for action in actions]
+            standing: Any = built.explored.state(base) - {one for one, _ in moves}
+            edges = sorted((min(move), max(move)) for move in moves)
+            sign = (-1) ** sum(
+                [min(one), max(one)] > [min(other), max(other)]
+                for at, one in enumerate(moves)
+                for other in moves[at + 1 :]
+            ) * (-1) ** sum(one > other for one, other in moves)
+            names[tuple(edges), frozenset(standing)] = place, sign
+        number.append(names)
+    column = {
+        number[0][square][0]: count * number[0][square][1]
+        for square, count in torsion.torus(torsion.PAIR).items()
+    }
+    cubes, columns = (
+        [
+            {face: (-1) ** (at // 2 + at % 2 + 1) for at, face in enumerate(faces)}
+            for faces in built.complex.faces[dimension].reshape(-1, 2 * dimension).tolist()
+        ]
+        for dimension in (4, 3)
+    )
+    way = torsion.Exchanges(torsion.grid(5, 5)).way(torsion.PAIR)
+    assert way is not None
+    total: Counter[int] = Counter()
+    for cell, count in torsion.Exchanges(torsion.grid(5, 5)).filling(way).items():
+        place, sign = number[1][cell]
+        for square, value in columns[place].items():
+            total[square] += sign * count * value
+    assert {row: value for row, value in total.items() if value} == {
+        row: 2 * value for row, value in column.items()
+    }
+    left = []
+    for prime in (2, 3):
+        known = torsion.pivots_of(cubes, prime)  # what bounds has a boundary that others have, too
+        rest = (column for place, column in enumerate(columns) if place not in known)
+        left.append(torsion.reduced(column, torsion.pivots_of(rest, prime), prime))
+    assert [bool(each) for each in left] == [True, False]

@@ -1,7 +1,9 @@
-"""Golden recordings: made by an earlier version, they must stay readable, right and repeatable."""
+"""Golden recordings: readable, right, and what runs of today say; `golden.py` makes them anew."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,22 +11,53 @@ import pytest
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.runs.launch import run
-from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
+from golden import FOLDER, PLANS, path_of, write
 
-GOLDEN = sorted((Path(__file__).parent.parent / "logs" / "golden").glob("*.mcap"))
-
-
-def test_there_are_golden_recordings() -> None:
-    """Vehicles, hexagons and an arm are among them."""
-    assert {path.stem.partition("-")[0] for path in GOLDEN} >= {"hex", "agv", "arm"}
+WITH_ROUNDS = [name for name, plan in PLANS.items() if not plan.is_free]
 
 
-@pytest.fixture(params=GOLDEN, ids=lambda path: path.stem)
+def test_they_are_those_of_the_script() -> None:
+    """Each has its plan there, and no other file is in the folder."""
+    assert {path.stem for path in FOLDER.iterdir()} == PLANS.keys()
+
+
+@pytest.fixture(params=PLANS)
 def golden(request: pytest.FixtureRequest) -> Recording:
     """Read one of them."""
-    return read_recording(request.param)
+    return read_recording(path_of(request.param))
+
+
+@pytest.mark.parametrize("name", WITH_ROUNDS)
+def test_a_golden_recording_is_what_the_script_writes(name: str, tmp_path: Path) -> None:
+    """If it is not, what recordings hold has changed: see `golden.py`, and commit the files."""
+    again, golden = (read_recording(each) for each in (write(name, tmp_path), path_of(name)))
+    assert (again.format, again.parameters) == (golden.format, golden.parameters)
+    assert list(again.records) == list(golden.records)
+
+
+@pytest.mark.few(2)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_ROUNDS)
+def test_real_processes_say_what_is_on_record(name: str, tmp_path: Path) -> None:
+    """The same messages; only the order of those of several processes in a phase is another."""
+    run(replace(PLANS[name], log=tmp_path / "again.mcap"))
+    said, golden = (
+        Counter((each.topic, each.round, each.data) for each in read_recording(path).records)
+        for path in (tmp_path / "again.mcap", path_of(name))
+    )
+    assert said == golden
+
+
+@pytest.mark.slow
+def test_a_golden_run_without_rounds_can_be_run_again(tmp_path: Path) -> None:
+    """In the same format, with the same parameters, and to the same path."""
+    again, golden = (
+        read_recording(each) for each in (write("hex-free-5", tmp_path), path_of("hex-free-5"))
+    )
+    assert (again.format, again.parameters) == (golden.format, golden.parameters)
+    assert verify(again).path_digest == verify(golden).path_digest
 
 
 def test_a_golden_recording_verifies(golden: Recording) -> None:
@@ -38,7 +71,7 @@ def test_a_golden_recording_verifies(golden: Recording) -> None:
 def test_a_golden_recording_stays_what_it_is_when_it_is_copied(
     golden: Recording, tmp_path: Path
 ) -> None:
-    """In its format, whose messages of modules stand by themselves."""
+    """In its format, and right."""
     recover(golden, tmp_path / "copy.mcap")
     copy = read_recording(tmp_path / "copy.mcap")
     assert copy.format == golden.format
@@ -50,23 +83,3 @@ def test_a_golden_recording_replays(golden: Recording) -> None:
     """Put back on zenoh it gives what it says."""
     found = replay(golden)
     assert found.same, found.differences
-
-
-@pytest.mark.few(2)
-@pytest.mark.slow
-def test_a_golden_run_can_be_run_again(golden: Recording, tmp_path: Path) -> None:
-    """The same system, rule and seed take the same path today, chains without rounds too."""
-    told = golden.parameters
-    outcome = run(
-        Plan(
-            system=told["system"],
-            rule=told["rule"],
-            seed=int(told["seed"]),
-            hesitate=float(told["hesitate"]),
-            processes=0 if golden.clock == "lockstep" else 1,
-            clock=golden.clock,
-            max_rounds=int(told["max_rounds"]),
-            log=tmp_path / "again.mcap",
-        )
-    )
-    assert outcome.path_digest == verify(golden).path_digest

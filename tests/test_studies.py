@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+import re
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import pytest
 
+import price_best
 from cubepath.coordinator.experiments.prices import FACTORS, priced
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import expand, read_sweep_file
 from cubepath.coordinator.experiments.statistics import mean_interval
 from cubepath.coordinator.experiments.sweeping import play_sweep
 from cubepath.coordinator.experiments.tables import groups
-from studies import FOLDER, PAGES, PICTURES, TABLES, beat, committed, kept, tables_of_page
+from cubepath.coordinator.normal_form.definitions import end_state, is_normal
+from cubepath.protocol import scene_from_spec
+from faces import ROOT
+from studies import (
+    FOLDER,
+    PAGES,
+    PICTURES,
+    TABLES,
+    beat,
+    committed,
+    kept,
+    tables_of_page,
+    with_best,
+)
 
 SPECS = {
     "price": ("price", "price-vehicles", "price-random"),
@@ -101,7 +119,7 @@ def test_which_runs_of_pibt_did_not_arrive() -> None:
 
 def test_prices_multiply_in_every_row() -> None:
     """To rounds over the best known, which nothing goes below; a proved optimum is that."""
-    rows = committed("price")
+    rows = with_best(committed("price"))
     found = priced(rows)
     assert len(found) > 3000
     for row in found:
@@ -179,3 +197,70 @@ def test_one_run_of_each_kind_comes_out_again() -> None:
         known = {_named(row): row for row in committed(study)}
         assert len(again) > 1
         assert [known[_named(row)] for row in again] == again
+
+
+def test_the_best_schedules_are_no_worse_than_any_run() -> None:
+    """There is one row for each system; a value on file is never worse than what a sweep found."""
+    rows = {row.system: row for row in price_best.read_rows()}
+    runs = groups(committed("price"), ["system"])
+    assert [(system,) for system in rows] == list(runs)
+    for (system,), several in runs.items():
+        row, reached = rows[system], [run for run in several if run["goal"]]
+        assert row.fewest == min(run["cubes"] for run in reached)
+        own = [run for run in reached if run["cubes"] == row.fewest]
+        assert (row.rule, row.hesitate, row.seed) in {
+            (run["rule"], run["hesitate"], run["seed"]) for run in own
+        }
+        assert row.best <= min(run["best_known"] or row.best for run in several)
+        assert row.best >= row.bound >= max(run["bound"] or 0 for run in several)
+        assert row.proved == (row.best == row.bound)
+        assert (row.moves is None) == (row.best == row.fewest)
+        assert (row.sha256 is None) == (row.size is None)
+
+
+BETTER = [row.system for row in price_best.read_rows() if row.moves is not None]
+RUNS = [row.system for row in price_best.read_rows() if row.moves is None]
+
+
+@pytest.mark.parametrize(
+    "system", [*BETTER, *(pytest.param(each, marks=pytest.mark.thorough) for each in RUNS)]
+)
+def test_the_best_schedules_lead_to_the_goal(system: str, tmp_path: Path) -> None:
+    """In as many cubes as their row says, by admissible moves that commute."""
+    row = next(row for row in price_best.read_rows() if row.system == system)
+    scene = scene_from_spec(system)
+    assert scene.goal is not None
+    found = price_best.schedule_of(row, tmp_path).cube_path
+    assert len(found) == row.best
+    assert is_normal(found)
+    assert end_state(found, scene.start_state) == scene.goal | scene.system.filled
+
+
+@pytest.mark.slow
+def test_a_best_that_can_be_beaten_fails_the_nightly_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The row on file stands; one without the schedule that was found is beaten, and repaired."""
+    system = "agv:graph=grid4x4,n=6,seed=1"
+    monkeypatch.setattr(sys, "argv", ["price_best.py", system, "--check", "--prove", "10"])
+    price_best.main()
+    assert capsys.readouterr().out.startswith(f"{system}: fewest 5, best 1, bound 1")
+    known = next(row for row in price_best.read_rows() if row.system == system)
+    worse = replace(known, best=5, bound=1, proved=False, sha256=None, size=None, moves=None)
+    path = tmp_path / "rows.json"
+    path.write_text(json.dumps([asdict(worse)]), "utf-8")
+    monkeypatch.setattr(price_best, "FILE", path)
+    with pytest.raises(SystemExit, match=re.escape(f"{system}: 1 cube, the page has 5")):
+        price_best.main()
+    monkeypatch.setattr(sys, "argv", ["price_best.py", system, "--prove", "10", "-o", str(path)])
+    price_best.main()
+    again = next(row for row in price_best.read_rows(path) if row.system == system)
+    assert (again.best, again.proved, again.sha256 is None) == (1, True, False)
+
+
+def test_the_nightly_script_runs_what_there_is() -> None:
+    """Each file that it names is in the repository."""
+    text = (ROOT / ".ci" / "nightly").read_text("utf-8")
+    named = re.findall(r"python ((?:tests|docs)/\S+\.py)", text)
+    assert "docs/studies/price_best.py" in named
+    assert all((ROOT / each).is_file() for each in named)

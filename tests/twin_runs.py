@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from batched import batches, counted
+from batched import batches
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType, as_choice
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -42,7 +41,6 @@ def twin(
     rounds: int = 6,
     deviation: Deviation | None = None,
     named: str | None = None,
-    batched: bool = True,
 ) -> Recording:
     """Return a run as it would be on record, its rule `named` so; its end is not."""
     scene = scene_from_spec(spec)
@@ -56,18 +54,15 @@ def twin(
             for part in parts
             if isinstance(part, Report) and part.move is not None
         ]
-        told: list[Any] = list(parts)
-        if batched:
-            told = [counted(part) if isinstance(part, Report) else part for part in parts]
-            told = list(batches(scene.system, told))
-        records += [record_of(message) for message in [*told, Edges(number, moves)]]
+        told = [*batches(scene.system, parts), Edges(number, moves)]
+        records += [record_of(message) for message in told]
         if number == rounds:
             break
     told_of = named or rule
     parameters = {"system": spec, "rule": told_of, "seed": str(seed), "hesitate": str(hesitate)}
     numbered = tuple(replace(record, sequence=at) for at, record in enumerate(records))
     path = Path(f"{spec}-{rule}-{seed}.mcap")
-    return Recording(path, parameters, scene, numbered, (), None, 0, FORMATS[batched])
+    return Recording(path, parameters, scene, numbered, ())
 
 
 def deviating(rule: RuleType, deviation: Deviation) -> RuleType:
@@ -105,13 +100,6 @@ def everything(recording: Recording) -> dict[Place, Json]:
             fields: dict[str, Any] = msgspec.to_builtins(part)
             if fields["kind"] not in PHASES:
                 continue
-            if isinstance(fields.get("heard"), list):
-                heard: dict[str, list[int]] = {}
-                for each in fields["heard"]:
-                    heard.setdefault(each["kind"], []).append(each["module"])
-                fields["heard"] = heard
-            if "heard" in fields:
-                fields["heard"] = sorted((k, sorted(v)) for k, v in fields["heard"].items())
             found[fields["round"], PHASES[fields["kind"]], fields.get("module", -1)] = fields
     return found
 

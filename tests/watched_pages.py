@@ -11,9 +11,11 @@ from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.snapshots import Steps, snapshots
 from cubepath.coordinator.viewing.shown import Shown
+from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.lattice import LatticeSystem
 
 Open: TypeAlias = Callable[..., Any]
 """Opens a page of a browser."""
@@ -34,6 +36,40 @@ after = [[1, 0], [0, -1], [1, -1]]
 goes = [[[0, 0], [1, 0]]]
 """
 """A user's own system, whose names would end the element that they stand in."""
+
+
+def pivoting_squares() -> Scene:
+    """Return three squares of which one can roll around the two others, as no built-in ones do.
+
+    It turns by half around a module at a corner, and by a quarter along two; both need the cells
+    free that it sweeps.
+    """
+    generators: list[Generator] = []
+    for number in range(4):
+        turned = (1, 1j, -1, -1j)[number]
+
+        def cells(*spots: complex, turned: complex = turned) -> tuple[tuple[int, int], ...]:
+            return tuple((round((s * turned).real), round((s * turned).imag)) for s in spots)
+
+        for name, other, on, swept in (
+            ("round", 1 - 1j, (-1j,), (1, 1j, 1 + 1j, 2, 2 - 1j)),
+            ("along", 1, (-1j, 1 - 1j), (1j, 1 + 1j)),
+        ):
+            source, target, *rest = cells(0, other, *on, *swept)
+            still = rest[: len(on)]
+            generators.append(
+                Generator(
+                    f"{name}-{number}",
+                    (source, target, *rest),
+                    (source, target),
+                    (source, *still),
+                    (target, *still),
+                    ((source, target),),
+                )
+            )
+    system = LatticeSystem(Catalogue(SQUARES, tuple(generators)))
+    return Scene("rolling.toml", "rolling", system, ((0, 1), (0, 0), (1, 0)))
+
 
 KINDS = (
     "hex:n=5",

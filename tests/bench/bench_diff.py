@@ -24,6 +24,7 @@ from tempfile import TemporaryDirectory
 
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import decode
 
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 from bench_recording import floor, peak, seconds
@@ -41,14 +42,12 @@ def row(folder: Path, parts: int) -> tuple[int, float, float, float, int]:
     """Return the number of parts of both recordings, the times, and the memory of ``other``."""
     scene = scene_from_spec(SPEC)
     one, two, copy = (folder / f"{name}.mcap" for name in ("one", "two", "copy"))
-    count = sum(
-        write(path, scene, parts, batched=True, seed=seed) for seed, path in enumerate((one, two))
-    )
+    count = sum(write(path, scene, parts, seed=seed) for seed, path in enumerate((one, two)))
     shutil.copy(one, copy)
 
     def least() -> None:
-        floor(one)
-        floor(two)
+        floor(one, decode)
+        floor(two, decode)
 
     diff(one, two)  # what is loaded and compiled once does not count
     works = least, partial(diff, one, copy), partial(diff, one, two)

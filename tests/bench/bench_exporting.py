@@ -167,7 +167,7 @@ def main() -> None:
         logs = []
         for parts in QUICK_SIZES if quick else SIZES:
             logs.append(folder / f"{parts}.mcap")
-            long_runs.write(logs[-1], scene_from_spec(SPEC), parts, batched=True)
+            long_runs.write(logs[-1], scene_from_spec(SPEC), parts)
         print(f"times the time of decoding: {SPEC}")
         times(logs, folder, QUICK_REPEATS if quick else REPEATS)
         print("memory in MB")

@@ -83,7 +83,7 @@ def row(case: Case, folder: Path) -> str:
         assert answer.satisfiable is False
         assert answer.log is not None
         size = os.fstat(log.fileno()).st_size
-        refuted = Refutation(problem.rounds, SEARCH, log, lambda: problem)
+        refuted = Refutation(problem.rounds, SEARCH, log, problem)
         write_proof(path, proof_of(refuted, schedule, case.scene, system, (start, case.goal)))
     begun = time.perf_counter()
     assert check_optimality(read_proof(path)).optimal

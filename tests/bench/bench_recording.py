@@ -1,9 +1,11 @@
 """How long recordings are written, described and verified, against reading their bytes alone.
 
-    python tests/bench/bench_recording.py [--quick]
+    python tests/bench/bench_recording.py [--quick] [--free MOVES]
 
 A recording is made of 60 vehicles that move at random, in one process, with each part as a message
-of its own and in batches. Times are processor times of one thread, in parts a second; ``write``
+of its own and in batches. So is one without rounds, of which the parts are its messages, with a
+line for the time that a move takes; ``--free`` gives its length, and it is made 8 times as long
+too. Times are processor times of one thread, in parts a second; ``write``
 appends the same messages to a new file; ``verify`` derives everything, ``audit`` asks the rules as
 well, which are random here. The floor is bare reading in the same run: each chunk
 unpacked by the mcap package with its CRC, each message decoded by msgspec. ``info`` is in
@@ -35,9 +37,11 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import decode
 
 sys.path.append(str(Path(__file__).parents[1]))
+from free_runs import write_long
 from long_runs import write
 
 SPEC = "agv:graph=grid10x10,n=60"
@@ -53,7 +57,7 @@ def seconds(work: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def floor(path: Path) -> None:
+def floor(path: Path, decode: Callable[[bytes], object]) -> None:
     """Read a recording and decode its messages, and nothing else."""
     with path.open("rb") as stream:
         for record in StreamReader(stream, emit_chunks=True).records:
@@ -87,7 +91,8 @@ def row(path: Path, copy: Path, parts: int, before: tuple[int, float] | None) ->
     writing = seconds(partial(copy_recording, in_memory, copy))
     del in_memory
     telling = seconds(lambda: info(read_recording(path)))
-    least = seconds(partial(floor, path))
+    free = recording.clock == "free"
+    least = seconds(partial(floor, path, decode_free if free else decode))
     deriving = seconds(partial(check, path, verify))
     checking = seconds(partial(check, path))
     growth = ""
@@ -101,6 +106,12 @@ def row(path: Path, copy: Path, parts: int, before: tuple[int, float] | None) ->
         f"{memory:>9.0f}{growth:>8}",
         flush=True,
     )
+    if free:
+        moves = verify(path).moves
+        print(
+            f"{moves:>9} moves: {deriving / moves * 1e3:.3f} ms a move to verify,"
+            f" {checking / moves * 1e3:.3f} to audit"
+        )
     return checking
 
 
@@ -108,7 +119,9 @@ def main() -> None:
     """Print the tables."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--quick", action="store_true", help="small sizes")
-    sizes = QUICK_SIZES if options.parse_args().quick else SIZES
+    options.add_argument("--free", type=int, metavar="MOVES", help="without rounds alone")
+    given = options.parse_args()
+    sizes = QUICK_SIZES if given.quick else SIZES
     heads = (
         "messages",
         "write",
@@ -123,12 +136,16 @@ def main() -> None:
     columns = [f"{head:>{wide}}" for head, wide in zip(heads, _WIDTHS, strict=True)]
     scene = scene_from_spec(SPEC)
     with TemporaryDirectory() as folder:
-        for name, batched in (("single messages", False), ("batches", True)):
-            print(f"{name}\n{'parts':>9}" + "".join(columns))
+        moves = given.free or (250 if given.quick else 1_000)
+        for clock in ("free",) if given.free else ("lockstep", "free"):
+            print(f"{clock}\n{'parts':>9}" + "".join(columns))
             before: tuple[int, float] | None = None
-            for size in sizes:
-                path = Path(folder) / f"{batched}-{size}.mcap"
-                parts = write(path, scene, size, batched=batched)
+            for size in sizes if clock == "lockstep" else (moves, 8 * moves):
+                path = Path(folder) / f"{clock}-{size}.mcap"
+                if clock == "lockstep":
+                    parts = write(path, scene, size)
+                else:
+                    parts = write_long(path, SPEC, size)
                 took = row(path, path.with_suffix(".copy"), parts, before)
                 before = parts, took
 

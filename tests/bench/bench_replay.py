@@ -184,7 +184,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         for size in QUICK_SIZES if quick else SIZES:
             path = Path(folder) / f"{size}.mcap"
-            long_runs.write(path, scene_from_spec(SPEC), size, batched=False)
+            long_runs.write(path, scene_from_spec(SPEC), size)
             before = row(path, QUICK_REPEATS if quick else REPEATS, before)
         base = read_recording(Path(folder) / f"{(QUICK_SIZES if quick else SIZES)[0]}.mcap")
         laps = Repeated(base, QUICK_LAPS if quick else LAPS)

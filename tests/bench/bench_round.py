@@ -6,9 +6,7 @@ All processes count: modules, router and coordinator. A *round* is the real thin
 recording. Its *floor* is made from that run, in the same run: as many processes put the same bytes
 on the same keys, a batch for each phase and region, observe and choose for the same modules from
 where these really stood, and the coordinator records; nobody decodes, dispatches, arbitrates or
-checks anything. The *wire* is the floor without observing, choosing and recording; *0.1.0* is what
-the wire took before modules were dealt out by place and spoke in batches: each part a message of
-its own, on a key that names all its places, and a subscription with wildcards for each module.
+checks anything. The *wire* is the floor without observing, choosing and recording.
 
 Below, what the coordinator spends to find the action of a move that is reported, in processor time:
 the first time that this run is gathered, when some of its actions are new, and again. The floor is
@@ -49,7 +47,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
-from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_of
+from cubepath.protocol.wire.keys import key_of, to_region, topic_of
 from cubepath.protocol.wire.messages import (
     Go,
     Message,
@@ -57,7 +55,6 @@ from cubepath.protocol.wire.messages import (
     Report,
     Reports,
     Said,
-    encode,
     parts_of,
 )
 from cubepath.protocol.wire.router import Router
@@ -283,52 +280,6 @@ def batches(recorded: Recorded) -> tuple[list[list[str]], list[list[int]]]:
     return listen, modules_of
 
 
-def single(
-    recorded: Recorded,
-) -> tuple[dict[tuple[int, int, str], Puts], list[list[str]], list[list[int]]]:
-    """Return what was put, as 0.1.0 put it: parts one by one, modules dealt out in turn."""
-    system, start = recorded.scene.system, recorded.scene.start
-    count = recorded.processes
-    modules_of = [list(range(process, len(start), count)) for process in range(count)]
-    listen = []
-    for modules in modules_of:
-        keys = set()
-        for module in modules:
-            place = system.place_of(start[module])
-            near = {each for each in system.sensed(place) if each is not None}
-            for region in sorted({system.region(each) for each in near | {*system.reach(place)}}):
-                keys.add(f"cubepath/{RUN}/from/{region}/*/*/**/{chunk(place)}/**")
-        listen.append(sorted(keys))
-    puts: dict[tuple[int, int, str], Puts] = {}
-    for (process, number, phase), found in recorded.puts.items():
-        seen = set()
-        for key, data in found:
-            message = msgspec.json.decode(data)
-            if message["kind"] == "ready":
-                puts.setdefault((process, number, phase), []).append((key, data))
-            for raw in message.get("parts", ()):
-                part = msgspec.json.decode(msgspec.json.encode(raw), type=Message)
-                text = encode(part)
-                if text in seen:
-                    continue  # it was said to several regions
-                seen.add(text)
-                places = addressees(system, part)
-                home = getattr(part, "module", 0) % count
-                topic = topic_of(part)
-                address = f"cubepath/{RUN}/{topic}"
-                if places:
-                    region = system.region(system.place_of(site_from_json(part.site)))
-                    joined = "/".join(map(chunk, places))
-                    address = f"cubepath/{RUN}/from/{region}/{topic}/{joined}"
-                puts.setdefault((home, number, phase), []).append((address, text))
-    return puts, listen, modules_of
-
-
-def chunk(place: Site) -> str:
-    """Return a cell as a chunk of a key."""
-    return ",".join(map(str, place if isinstance(place, tuple) else (place,)))
-
-
 # Gathering.
 
 
@@ -396,10 +347,10 @@ def main() -> None:
         "floor ms",
         "ratio",
         "wire ms",
-        "0.1.0 ms",
-        "of it",
+        "wall ms",
+        "messages",
+        "parts",
     )
-    columns += ("wall ms", "messages", "parts")
     print(f"{'processor time a round':<26}" + "".join(f"{column:>10}" for column in columns))
     todo = [row for row in rows(chosen.quick) if chosen.only in (None, row[0])]
     for spec, processes, rounds in tqdm(todo, disable=None, leave=False, file=sys.stderr):
@@ -407,16 +358,10 @@ def main() -> None:
         listen, modules_of = batches(found)
         whole, _ = floor(found, found.puts, listen, modules_of, work=True)
         wire, _ = floor(found, found.puts, listen, modules_of, work=False)
-        old = 0.0
-        if processes <= 8 and len(found.scene.start) <= 256:  # more of them takes minutes
-            puts, ears, dealt_out = single(found)
-            old, _ = floor(found, puts, ears, dealt_out, work=False)
-        share = f"{wire / old:.2f}" if old else "-"
         print(
             f"{spec:<26}{processes:>10}{found.cpu_ms:>10.1f}{whole:>10.1f}"
-            f"{found.cpu_ms / whole:>10.2f}{wire:>10.1f}{old or float('nan'):>10.1f}{share:>10}"
-            f"{found.wall_ms:>10.1f}{found.messages / (rounds + 1):>10.0f}"
-            f"{found.parts / (rounds + 1):>10.0f}",
+            f"{found.cpu_ms / whole:>10.2f}{wire:>10.1f}{found.wall_ms:>10.1f}"
+            f"{found.messages / (rounds + 1):>10.0f}{found.parts / (rounds + 1):>10.0f}",
             flush=True,
         )
     costs = ("first us", "again us", "floor us", "ratio", "moves", "distinct")

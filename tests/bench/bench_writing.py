@@ -76,7 +76,7 @@ def with_rounds(spec: str, most: int, folder: Path) -> Run:
     """Return messages of a run with rounds."""
     scene = scene_from_spec(spec)
     path = folder / f"{spec}-{most}.mcap"
-    long_runs.write(path, scene, min(most, 20_000), batched=True)
+    long_runs.write(path, scene, min(most, 20_000))
     records = [
         *islice(read_recording(path).of_kind("go", "said", "ready", "reports", "edges"), most)
     ]

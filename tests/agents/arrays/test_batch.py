@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
 from cubepath.agents.arrays import batch
@@ -149,7 +149,11 @@ def generators(draw: st.DrawFn, name: str) -> Generator:
 def lattices(draw: st.DrawFn) -> Scene:
     """Return modules in a block, with generators of nobody's choosing, walls and obstacles."""
     count = draw(st.integers(1, 3))
-    catalogue = Catalogue(SQUARES, tuple(draw(generators(f"g{i}")) for i in range(count)))
+    found = tuple(draw(generators(f"g{i}")) for i in range(count))
+    try:
+        catalogue = Catalogue(SQUARES, found)
+    except InputError:  # two are equal
+        reject()
     block = [(x, y) for x in range(-1, 5) for y in range(-1, 5)]
     shuffled: list[Cell] = draw(st.permutations(block))
     filled, empty = shuffled[:2], shuffled[2:4]

@@ -189,7 +189,7 @@ def test_nothing_is_delivered_from_beyond_the_radius(told: tuple[Scene, list[Rep
     for report in reports:
         place = system.place_of(site_from_json(report.before))
         near = {"here": system.sensed(place)}
-        for kind, speaker, _ in report.deliveries():
+        for kind, speaker in report.deliveries():
             sender = system.place_of(site_from_json(stood[report.round, speaker]))
             assert sender in near.get(kind, system.reach(place))
             heard += 1
@@ -213,7 +213,7 @@ def test_everyone_sensed_is_heard(told: tuple[Scene, list[Report]]) -> None:
                 continue
             sensed = set(system.sensed(there[report.module]))
             expected = {module for module, place in there.items() if place in sensed}
-            assert {m for kind, m, _ in report.deliveries() if kind == "here"} == expected
+            assert {m for kind, m in report.deliveries() if kind == "here"} == expected
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.free.fleet import BIRTHS, FreeFleet
+from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.coordinator.testing.log import Log
@@ -171,7 +171,7 @@ def test_a_fleet_has_processes_and_keepers(key: str, number: int) -> None:
 @pytest.mark.slow
 def test_each_keeper_holds_the_lock_of_the_logs(tmp_path: Path) -> None:
     """For as long as it lives, also when its starter holds it no more."""
-    path = tmp_path / BIRTHS
+    path = tmp_path / "lock"
     lock = locked_file(path)
     with FreeFleet(scene_from_spec(CHAIN), "chain", keepers=1, logs=tmp_path, lock=lock):
         lock.close()

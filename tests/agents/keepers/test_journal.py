@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from functools import cache
 from pathlib import Path
+from typing import TypeAlias
+from zlib import crc32
 
 import pytest
 
@@ -14,11 +18,21 @@ from cubepath.agents.keepers.journal import (
     FileJournal,
     Journal,
     MemoryJournal,
+    Opened,
     Prepared,
     Record,
 )
+from cubepath.agents.keepers.keeper import Keeper
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Moved, Passed
+from free_runs import FreeRun
+
+Lines: TypeAlias = list[bytes]
+
+
+def opened(birth: int = 1, *, run: str = "run", keeper: int = 0) -> Opened:
+    """Return the keeper that opens a log."""
+    return Opened(run, keeper, birth)
 
 
 def _passed(number: int) -> Passed:
@@ -50,9 +64,9 @@ def test_records_and_commits_are_read_back(tmp_path: Path) -> None:
     memory = MemoryJournal()
     _filled(memory)
     path = tmp_path / "log"
-    with FileJournal(path) as file:
+    with FileJournal(path, opened()) as file:
         _filled(file)
-    with FileJournal(path) as again:
+    with FileJournal(path, opened(2)) as again:
         for journal in (memory, again):
             assert [*journal.records()] == RECORDS
             assert [journal.commit(serial).serial for serial in (1, 2)] == [1, 2]
@@ -60,7 +74,7 @@ def test_records_and_commits_are_read_back(tmp_path: Path) -> None:
 
 def test_commits_are_read_between_appends(tmp_path: Path) -> None:
     """Whatever was read ahead before."""
-    with FileJournal(tmp_path / "log") as journal:
+    with FileJournal(tmp_path / "log", opened()) as journal:
         for serial in range(1, 6):
             journal.append(_committed(serial))
             assert [journal.commit(each).serial for each in range(1, serial + 1)] == [
@@ -69,38 +83,166 @@ def test_commits_are_read_between_appends(tmp_path: Path) -> None:
             journal.append(RECORDS[2])
 
 
-@pytest.mark.parametrize("cut", [1, 2, 30])
-def test_a_line_that_was_cut_off_is_no_record(tmp_path: Path, cut: int) -> None:
-    """It is taken off, so what is appended next is whole."""
+@pytest.mark.slow
+def test_a_line_that_was_cut_off_anywhere_is_no_record(tmp_path: Path) -> None:
+    """Also the first one. It is taken off, so what is appended next is whole."""
     path = tmp_path / "log"
-    with FileJournal(path) as journal:
+    with FileJournal(path, opened()) as journal:
         _filled(journal)
-    path.write_bytes(path.read_bytes()[:-cut])
-    with FileJournal(path) as journal:
-        assert [*journal.records()] == RECORDS[:-1]
-        journal.append(_committed(2))
-        assert [*journal.records()] == RECORDS
-        assert journal.commit(2).serial == 2
+    first, *lines = path.read_bytes().splitlines(keepends=True)
+    for left in range(1, len(lines[-1])):
+        path.write_bytes(b"".join((first, *lines[:-1], lines[-1][:left])))
+        with FileJournal(path, opened(2)) as journal:
+            assert [*journal.records()] == RECORDS[:-1]
+            journal.append(_committed(2))
+            assert [*journal.records()] == RECORDS
+            assert journal.commit(2).serial == 2
+    for left in range(len(first)):
+        path.write_bytes(first[:left])
+        with FileJournal(path, opened()) as journal:
+            assert [*journal.records()] == []
+        assert path.read_bytes() == first
 
 
-@pytest.mark.parametrize("line", range(len(RECORDS)))
-@pytest.mark.parametrize("at", [0, 8, 9, 20])
+@pytest.mark.parametrize("line", range(1 + len(RECORDS)))
+@pytest.mark.parametrize("at", [0, 8, 9, 12, 20])
 def test_a_damaged_line_is_refused(tmp_path: Path, line: int, at: int) -> None:
     """Also the last one, if it is whole: it may have been answered."""
     path = tmp_path / "log"
-    with FileJournal(path) as journal:
+    with FileJournal(path, opened()) as journal:
         _filled(journal)
     lines = path.read_bytes().splitlines(keepends=True)
     lines[line] = lines[line][:at] + b"?" + lines[line][at + 1 :]
     path.write_bytes(b"".join(lines))
-    with pytest.raises(InputError, match=f"log: line {line + 1} is damaged, expected a record"):
-        FileJournal(path)
+    with pytest.raises(InputError, match=f"log: line {line + 1} .*expected"):
+        FileJournal(path, opened(2))
+
+
+@pytest.mark.parametrize("deep", [False, True])
+@pytest.mark.parametrize("body", [b"", b"{}", b'{"type":"\xff"}', b'{"type":"decided","x":'])
+def test_a_line_with_a_right_checksum_that_is_no_record_is_refused(
+    tmp_path: Path, body: bytes, *, deep: bool
+) -> None:
+    """Whatever the decoder makes of it."""
+    path = tmp_path / "log"
+    text = b"1 " + body + b"[" * (9999 * deep)
+    path.write_bytes(b"%08x %b\n" % (crc32(text), text))
+    with pytest.raises(InputError, match="log: line 1 is damaged, expected a record"):
+        FileJournal(path, opened())
+
+
+@cache
+def _records(keeper: int) -> tuple[Record, ...]:
+    """Return the records of a keeper in a run whose modules were started again."""
+    run = FreeRun("hex:n=5", keepers=2, seed=1)
+    run.play(30, restarts=2)
+    return tuple(run.keepers[keeper]._journal.records())
+
+
+def _lines(path: Path, keeper: int = 0, run: str = "run") -> Lines:
+    """Return the lines of its log, which was opened twice."""
+    records = _records(keeper)
+    half = len(records) // 2
+    for birth, part in ((1, records[:half]), (2, records[half:])):
+        with FileJournal(path, opened(birth, run=run, keeper=keeper)) as journal:
+            for record in part:
+                journal.append(record)
+    return path.read_bytes().splitlines(keepends=True)
+
+
+def _altered(kind: str, lines: Lines, at: int, others: dict[str, Lines]) -> Lines:
+    """Return the lines of a log to one of which something was done."""
+    altered, line, far = [*lines], lines[at], (at + len(lines) // 2) % len(lines)
+    match kind:
+        case "removed":
+            del altered[at]
+        case "doubled":
+            altered.insert(at, line)
+        case "swapped with the next":
+            altered[at : at + 2] = lines[at + 1], line
+        case "swapped with a distant one":
+            altered[at], altered[far] = lines[far], line
+        case "replaced by one of the same log":
+            altered[at] = lines[far]
+        case "replaced with a right checksum":
+            text = b"%d %b" % (at + 1, lines[far].split(b" ", 2)[2][:-1])
+            checksum = crc32(text, int(lines[at - 1][:8], 16) if at else 0)
+            altered[at] = b"%08x %b\n" % (checksum, text)
+        case "changed":
+            altered[at] = line[:-3] + b"?" + line[-2:]
+        case _:
+            altered[at] = others[kind][at % len(others[kind])]
+    return altered
+
+
+# What can be done to a record, and to how many of the last ones it leaves a log that can be.
+DONE = {
+    "removed": 1,
+    "doubled": 0,
+    "swapped with the next": 1,
+    "swapped with a distant one": 0,
+    "replaced by one of the same log": 0,
+    "replaced by one of another keeper": 0,
+    "replaced by the same one of another run": 0,
+    "replaced with a right checksum": 1,
+    "changed": 0,
+}
+
+
+@pytest.mark.parametrize("kind", DONE)
+def test_what_was_done_to_a_record_is_found(kind: str, tmp_path: Path) -> None:
+    """To every record of a log; in its line, or the one after it."""
+    path = tmp_path / "log"
+    lines = _lines(path)
+    others = {
+        "replaced by one of another keeper": _lines(tmp_path / "keeper", keeper=1),
+        "replaced by the same one of another run": _lines(tmp_path / "run", run="other"),
+    }
+    assert len(lines) > 100
+    for at in range(len(lines) - DONE[kind]):
+        path.write_bytes(b"".join(_altered(kind, lines, at, others)))
+        with pytest.raises(InputError) as error:
+            FileJournal(path, opened(3))
+        first = min(at, (at + len(lines) // 2) % len(lines)) if "distant" in kind else at
+        assert re.fullmatch(
+            rf"{path}: line ({first + 1}|{first + 2}) [^\n]*expected[^\n]*", str(error.value)
+        )
+
+
+@pytest.mark.slow
+def test_a_log_that_was_written_anew_is_believed_or_refused(tmp_path: Path) -> None:
+    """Without a record, and with right numbers and checksums: nothing else is raised."""
+    run = FreeRun("hex:n=5", keepers=2)
+    records, refusals = _records(0), list[str]()
+    for at in range(len(records)):
+        journal = MemoryJournal()
+        for record in (*records[:at], *records[at + 1 :]):
+            journal.append(record)
+        try:
+            Keeper(0, run.scene, run.tiles, journal)
+        except InputError as error:
+            refusals.append(str(error))
+    assert refusals
+    assert all(re.fullmatch(r".* of keeper_0 cannot follow .*, expected .*", e) for e in refusals)
+
+
+def test_a_log_is_opened_by_later_births_alone(tmp_path: Path) -> None:
+    """An older file with the births of its folder is noticed, and one with too few commits."""
+    path = tmp_path / "log"
+    with FileJournal(path, opened(2)) as journal:
+        _filled(journal)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="log: was opened in birth 2, expected one before birth 2"):
+        FileJournal(path, opened(2))
+    with pytest.raises(InputError, match="log: has 2 commits, expected the 3 that were heard of"):
+        FileJournal(path, opened(3), commits=3)
+    assert path.read_bytes() == before
 
 
 def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:
     """It is not told as what it is not."""
     path = tmp_path / "log"
-    with FileJournal(path) as journal:
+    with FileJournal(path, opened()) as journal:
         journal.append(_committed(1))
         path.write_bytes(path.read_bytes().replace(b"committed", b"Committed"))
         with pytest.raises(CheckError, match="commit 1 was changed"):
@@ -109,7 +251,7 @@ def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:
 
 def test_a_full_disk_ends_a_keeper(tmp_path: Path) -> None:
     """With a line that says so; nothing was logged."""
-    with FileJournal(tmp_path / "log") as journal:
+    with FileJournal(tmp_path / "log", opened()) as journal:
         journal._file.close()
         journal._file = Path("/dev/full").open("r+b")  # noqa: SIM115 - closed with the journal
         with pytest.raises(CheckError, match="log of the keeper stopped: No space left"):
@@ -122,11 +264,11 @@ def test_a_log_never_leads_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("mine")
     (tmp_path / "keeper-0.log").symlink_to("mine")
     with pytest.raises(InputError, match="symbolic links, expected a keeper's log"):
-        FileJournal(tmp_path / "keeper-0.log")
+        FileJournal(tmp_path / "keeper-0.log", opened())
     assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_a_log_that_cannot_be_opened_is_bad_input(tmp_path: Path) -> None:
     """With the path, and why."""
     with pytest.raises(InputError, match="Is a directory, expected a keeper's log"):
-        FileJournal(tmp_path)
+        FileJournal(tmp_path, opened())

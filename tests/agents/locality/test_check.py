@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from pathlib import Path
 
 import pytest
 
+from cubepath.agents.locality import check as check_module
 from cubepath.agents.locality.check import Checked, Checker, Stage, check_rule
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.protocol.core.errors import InputError
@@ -17,7 +19,7 @@ CHEATS = Path(__file__).parent / "cheats"
 @pytest.fixture(scope="module")
 def stage() -> Iterator[Stage]:
     """Return the processes that all rules of a test are played in."""
-    with Stage(seed=1) as found:
+    with Stage(seed=1, timeout_s=inf) as found:
         yield found
 
 
@@ -212,6 +214,16 @@ def test_the_answer_follows_from_the_seed() -> None:
     )
     assert one == other
     assert len(plays) == 2 * 22
+
+
+@pytest.mark.slow
+def test_a_play_without_an_answer_is_found_and_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each would take as long."""
+    monkeypatch.setattr(check_module, "PATIENCE_S", 2.0)
+    found = check_rule(f"{CHEATS / 'sleeps'}.py:RULE", ["hex:n=2", "hex:n=3"])
+    assert found.systems == ("hex:n=2",)
+    (finding,) = found.findings
+    assert finding.text == "fails: hex:n=2, in a run: gave no answer for 2 s"
 
 
 @pytest.mark.few(2)

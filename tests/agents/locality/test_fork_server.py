@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.locality import fork_server
 from cubepath.agents.locality.fork_server import ForkServer
 from cubepath.agents.locality.plays import Conditions, Fit, Task, Together
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -59,11 +58,10 @@ def test_hash_seeds_are_those_of_the_servers(tmp_path: Path) -> None:
     assert any(choices(hash_seed) != first for hash_seed in range(2, 6))
 
 
-def test_who_never_answers_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_never_answers_is_ended(tmp_path: Path) -> None:
     """The play is broken after the patience; with the server all its processes end."""
-    monkeypatch.setattr(fork_server, "PATIENCE_S", 1.0)
     with ForkServer(1) as server:
-        found = server.play(task(f"{CHEATS / 'sleeps'}.py:RULE", tmp_path))
+        found = server.play(task(f"{CHEATS / 'sleeps'}.py:RULE", tmp_path), 1.0)
         group = server._server.pid
         assert len(running(group)) == 2
     assert found.broken == "gave no answer for 1 s"

@@ -278,11 +278,6 @@ def test_a_whole_message_has_a_part_of_each_module() -> None:
             "report of round 3 in 4",
         ),
         (
-            Reports(4, 1, [Report(4, 1, 3, 3, "none", None, [])]),
-            "malformed",
-            "report of module_1 in format 1",
-        ),
-        (
             Reports(4, 0, [report(0)]),
             "malformed",
             "reports of process_0 for 1 modules, expected one each for its 2",

@@ -376,7 +376,7 @@ def test_a_missing_verdict_is_asked_for_and_ends_the_round() -> None:
     effects = hear(loser, verdict)
     assert timers(effects) == [None]
     assert report(effects).claim == "lost"
-    assert report(effects).heard["verdict"] == [1 - process]  # type: ignore[call-overload]
+    assert report(effects).heard["verdict"] == [1 - process]
     assert hear(loser, verdict) == []
 
 

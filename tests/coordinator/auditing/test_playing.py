@@ -23,7 +23,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
-from recordings import edited, first, new_path, recorded, with_records
+from recordings import edited, first, new_path, parts, recorded, with_records
 from schedules import CHAIN, LABELLED, VEHICLES, carry_out, original
 from tamperings import crowd, failing
 from tamperings_of_choices import LIAR, LIE_IN
@@ -262,3 +262,17 @@ def test_a_move_of_the_schedule_at_no_place_is_no_crash(at: object) -> None:
     odd = [GeneratorPlacement("edge", at), *first_cube[1:]]
     found = audit(with_fields(whole, schedule=schedule_to_jsonl([odd, *rest])))
     assert {"choices", "schedule"} <= failing(found)
+
+
+def test_all_modules_whose_processes_name_rules_of_their_own_are_named() -> None:
+    """By rule, also where the rule of the others is not installed."""
+    found = recorded("agv:graph=grid6x6,n=6", processes=4)
+    named = {0: "own", 1: "their", 3: "own"}
+    for join in parts(found, "ready"):
+        if join.phase == "join" and join.process in named:
+            found = edited(found, join, replace(join, rule=named[join.process]))
+    own = "modules 0,4-5, whose processes name a rule of their own: 'own'"
+    told = f"{own}; modules 1-2, whose processes name a rule of their own: 'their'"
+    assert choices(audit(found)).detail == f"not checked: {told}"
+    unknown = choices(audit(with_parameters(found, rule="nonesuch")))
+    assert unknown.detail == f"not checked: rule 'nonesuch' is not installed; {told}"

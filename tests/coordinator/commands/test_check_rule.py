@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,21 @@ def test_a_local_rule_ends_with_0() -> None:
     assert document["modules"] == 5
     assert document["choices"] > 0
     assert document["changes"] > 0
+
+
+@pytest.mark.parametrize(
+    ("loading", "systems"), [("pass", ["hex:n=3"]), ("pass", []), ("make(None)", ["hex:n=3"])]
+)
+def test_a_check_ends_in_time(tmp_path: Path, loading: str, systems: list[str]) -> None:
+    """One line says so of a rule that never returns, or a file that never ends."""
+    text = (CHEATS / "sleeps.py").read_text()
+    (tmp_path / "endless.py").write_text(f"{text}\n{loading}\n")
+    began = time.monotonic()
+    done = cubepath("check-rule", "endless.py:RULE", *systems, "--timeout=4", cwd=tmp_path)
+    line = "not checked within 4 s, expected one that answers sooner, or a longer timeout"
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.splitlines() == [f"cubepath: rule 'endless.py:RULE': {line}"]
+    assert time.monotonic() - began < 30
 
 
 def test_systems_are_not_asked_for() -> None:

@@ -16,6 +16,12 @@ from cubepath.coordinator.commands.entry import entry
 MAIN = "cubepath.coordinator.commands.main"
 
 
+@pytest.fixture(autouse=True)
+def _safe_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the environment as it was: a command changes that of its process."""
+    monkeypatch.setenv("PYTHONSAFEPATH", "1")
+
+
 class Interrupting:
     """Stands before all that finds modules, and is interrupted while the command is imported."""
 

@@ -56,7 +56,7 @@ def test_a_file_has_the_form_of_its_name(
             (LOG, "--table", "messages", "--topics", "reprt"),
             "topics reprt: nothing on record",
         ),
-        ((LOG, "-o", "a.mcap", "--topics", "report", "--topics", "x/*"), "topics x/*: nothing on"),
+        ((LOG, "-o", "a.mcap", "--topics", "reports", "--topics", "x/*"), "topics x/*: nothing on"),
         ((LOG, "-o", "a.mcap", "--table", "claims"), "a.mcap: a file for viewers has no tables"),
         ((LOG, "-o", "a.csv", "--round-seconds", "2"), "a.csv: csv has no time line and no space"),
         ((LOG, "-o", "a.mcap", "--log-time", "wall", "--round-seconds", "2"), "a round of 2 s: "),

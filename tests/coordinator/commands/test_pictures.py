@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cubepath.agents.rendering.themes import DARK, PAPER
+from cubepath.agents.rendering.pen import palette
+from cubepath.agents.rendering.themes import DARK, GOAL, PAPER
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.cutting import filter_recording
+from watched_pages import OWN
 
 GOLDEN = Path(__file__).parents[3] / "logs" / "golden"
 
@@ -95,6 +97,62 @@ def test_what_cannot_be_drawn_is_refused_before_any_work(
     assert len(said) == 1
     assert message in said[0]
     assert not target.exists()
+
+
+@pytest.mark.slow
+def test_a_scene_is_drawn_with_its_start_and_its_goal(tmp_path: Path) -> None:
+    """Side by side, from a name or a file; at the goal labels say which module is which."""
+    toml = tmp_path / "own.toml"
+    toml.write_text(OWN)
+    found = {}
+    for spec in ("hex:n=5", "agv-labelled:graph=grid3x3,n=3", str(toml)):
+        path = toml.with_suffix(".png")
+        output = [] if spec == str(toml) else ["-o", str(path)]
+        assert main(["view", spec, *output]) == 0
+        with Image.open(path) as image:
+            middle = image.width // 2
+            halves = (0, 0, middle, image.height), (middle, 0, image.width, image.height)
+            found[spec] = [colours_in(image.crop(half)) for half in halves]
+    modules = [tuple(round(255 * part) for part in colour) for colour in palette(5)]
+    goal = tuple(bytes.fromhex(GOAL[1:]))
+    one, other = found["hex:n=5"]
+    assert set(modules) <= one
+    assert goal in other
+    assert not other & set(modules)
+    one, other = found["agv-labelled:graph=grid3x3,n=3"]
+    assert set(modules[:3]) <= one & other
+    one, other = found[str(toml)]  # it has no goal
+    assert (modules[0] in one, modules[1] in other, goal in one | other) == (True, True, False)
+
+
+def colours_in(image: Image.Image) -> set[tuple[int, ...]]:
+    """Return the colours that a hundred pixels or more have."""
+    counted = image.convert("RGB").getcolors(1 << 24) or []
+    return {colour for count, colour in counted if count >= 100 and isinstance(colour, tuple)}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["hex:n=5"], "hex:n=5: no file, expected -o PICTURE"),
+        (
+            ["hex:n=5", "-o", "x.html"],
+            "hex:n=5 is a scene without a run, expected .png, .svg, .pdf",
+        ),
+        (["hex:n=5", "-o", "x.png", "--what", "schedule"], "without a run, expected no --what"),
+        (["hex:n=5", "-o", "x.png", "--rounds", "0"], "without a run, expected no --rounds"),
+        (["hex:n=5", "hex:n=6", "-o", "x.html"], "without a run, expected no OTHER"),
+        (["hex:n=none", "-o", "x.png"], "n=none: expected a whole number"),
+        (["none.toml", "-o", "x.png"], "none.toml: No such file"),
+        ([str(GOLDEN / "hex-5.mcap"), "hex:n=5", "-o", "x.html"], "hex:n=5: a scene without a run"),
+    ],
+)
+def test_what_a_scene_does_not_have_is_refused(
+    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line that says that it is a scene."""
+    assert main(["view", *arguments]) == 2
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.thorough

@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (runs / "folder.mcap").mkdir()
     (tmp_path / "bad.mcap").write_text("no recording")
     whole = (runs / "a.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -39,17 +39,17 @@ def test_keys_have_names_however_they_are_sent() -> None:
 @pytest.mark.slow
 def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
     """The answer says what was not compared and what was not played; the exit code is 0."""
-    words = ["replay", HEX, "--from", "3", "--until", "5", "--topics", "report", "--run", "mine"]
-    assert main([*words, "--exclude", "*/module_4", "--rate", "100x", "--json"]) == 0
+    words = ["replay", HEX, "--from", "3", "--until", "5", "--topics", "reports", "--run", "mine"]
+    assert main([*words, "--exclude", "*/process_1", "--rate", "100x", "--json"]) == 0
     told = capsys.readouterr()
     found = json.loads(told.out)
-    assert (found["run"], found["messages"], found["same"]) == ("mine", 12, False)
+    assert (found["run"], found["messages"], found["same"]) == ("mine", 3, False)
     assert found["not_compared"] == ["rounds 1 to 29", "cubes", "summary"]
-    assert found["left_out"]["report"] == 145 - 12
+    assert found["left_out"]["reports"] == 58 - 3
     assert re.fullmatch(r"cubepath: replaying on \S+ under cubepath/mine/\*\*\n", told.err)
     assert main(["replay", HEX, "--until", "2"]) == 0
     out = capsys.readouterr().out
-    assert "not played     26 claim, 19 cube, 29 edges, 87 go, 135 here, 176 ready, 135 rep" in out
+    assert "29 edges, 88 go, 176 ready, 54 reports, 181 said, 1 summary\n" in out
     assert "result         the same as recorded in 2 rounds; not compared: rounds 3 to 29, " in out
 
 
@@ -68,6 +68,7 @@ def test_the_table_says_of_which_part_its_numbers_are(capsys: pytest.CaptureFixt
     ("words", "said"),
     [
         ("--rate 2 --real-time", "--rate and --real-time: expected one of the two"),
+        ("--max-gap 2", "--max-gap: expected --real-time or --rate with it"),
         ("--real-time=0", "argument --real-time: expected a number of at least 0.00001"),
         (
             "--rate 0x",
@@ -80,7 +81,7 @@ def test_the_table_says_of_which_part_its_numbers_are(capsys: pytest.CaptureFixt
         ("--from 12 --until 3", "from 12 until 3: expected a range upwards"),
         ("--until 0", "until 0: nothing that is played is on record there"),
         ("--wait-time 1", "--wait-time: expected --wait-for-subscribers with it"),
-        ("--topics reports", "topics=reports/*: nothing on record matches, expected topics of"),
+        ("--topics verdict", "topics=verdict/*: nothing on record matches, expected topics of"),
         ("--remap a", "remap=a: expected FROM=TO"),
         ("--run a/b", "run=a/b: expected a name without any of"),
         ("--delay -1", "argument --delay: expected 0 or more seconds"),
@@ -153,7 +154,7 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
     terminal = Terminal("replay", HEX, "--start-paused", "--json")
     try:
-        terminal.shows(r"paused, next: round 1, message \d+ of 630, .* as fast as possible")
+        terminal.shows(r"paused, next: round 1, message \d+ of 573, .* as fast as possible")
         assert "space pause, right/left a round on/back" in terminal.told
         assert terminal.settings != terminal.before
         terminal.press("\x1b[C\x1b[C")
@@ -167,7 +168,7 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
         terminal.shows(r"paused, next: round 2, .* 10 rounds a second")
         terminal.press("q")
         found = json.loads(terminal.close())
-        assert (found["rounds_compared"], found["messages"]) == (2, 22)
+        assert (found["rounds_compared"], found["messages"]) == (2, 24)
     finally:
         terminal.process.kill()
     assert terminal.process.returncode == 0

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
+from contextlib import nullcontext
+from functools import partial
+from itertools import product
+from pathlib import Path
 
 import pytest
 
+from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.commands.usage import module_numbers
+from cubepath.coordinator.experiments.spec import Sweep, expand
+from cubepath.coordinator.runs.plan import Plan, task_of
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.registry import all_families
 
 
 @pytest.mark.parametrize(
@@ -59,3 +69,29 @@ def test_what_cannot_be_meant_is_one_line(
     assert (code, captured.out) == (2, "")
     assert line in captured.err
     assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "free"])
+def test_a_rule_that_does_not_fit_a_scene_is_refused_before_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
+) -> None:
+    """Nothing is started or recorded."""
+    monkeypatch.chdir(tmp_path)
+    line = "rule 'chain': (-2, 0) to (0, 0) is no straight chain in order, expected one of random"
+    options = ("hex-shapes", "--rule=chain", f"--clock={clock}")
+    assert refused("run", *options) == f"cubepath: not for this scene: {line}"
+    assert f"hex-shapes: not for this scene: {line}" in refused("sweep", *options, "--dry-run")
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.slow
+def test_rules_sweep_and_run_agree_on_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every rule on the default scene of every family."""
+    assert main(["rules", "--json"]) == 0
+    told = {each["name"]: each["systems"] for each in json.loads(capsys.readouterr().out)}
+    assert "hex-shapes" not in told["chain"]
+    for family, (rule, systems) in product(all_families(), told.items()):
+        begin = partial(task_of, Plan(family, rule)), partial(expand, Sweep((family,), (rule,)))
+        for what in begin:
+            with nullcontext() if family in systems else pytest.raises(InputError):
+                what()

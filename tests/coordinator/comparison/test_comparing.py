@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import pytest
 from command_line import GOLDEN, in_shell, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.comparison.comparing import diff
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from free_runs import free_recorded
 from recordings import new_path, recorded
 from twin_runs import twin
@@ -78,7 +80,7 @@ def test_a_free_run_and_one_with_rounds_are_compared_by_their_moves() -> None:
     """They may be equal up to commuting, which then is said."""
     found = diff(GOLDEN / "hex-5.mcap", GOLDEN / "hex-free-5.mcap")
     assert found.clock == "moves"
-    assert found.parameters["format"] == ("cubepath-recording-1", "cubepath-recording-3")
+    assert found.parameters["format"] == ("cubepath-recording-2", "cubepath-recording-3")
     assert found.paths is not None
     assert found.paths.same is None
 
@@ -154,10 +156,14 @@ def test_a_damaged_file_is_compared_as_far_as_it_goes(
 
 def test_a_file_without_its_first_commits_is_refused(tmp_path: Path) -> None:
     """In one line, with what is wrong with it: nobody knows which commit is which."""
-    whole = GOLDEN / "hex-free-5.mcap"
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 5])
-    line = refused("diff", str(whole), str(cut))
+    whole, killed = read_recording(FREE), tmp_path / "killed.mcap"
+    with RecordingWriter(killed, whole.scene, whole.parameters) as writer:
+        for each in takewhile(lambda each: each.kind != "moved", whole.records):
+            writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
+        writer.flush()
+        data = killed.read_bytes()
+    killed.write_bytes(data)
+    line = refused("diff", FREE, str(killed))
     assert "its first commits are not on record: it is damaged: truncated at byte" in line
 
 

@@ -76,8 +76,8 @@ def test_parts_that_have_no_round_in_common_are_refused(tmp_path: Path) -> None:
         InputError, match=r"nothing to compare: .* has rounds 1 to \d+; .* has rounds"
     ):
         diff(parts[0], parts[1])
-    claims = cut(HEX, tmp_path / "said.mcap", topics=("claim",))
-    with pytest.raises(InputError, match=r"has no round that all modules report: .*topics claim"):
+    claims = cut(HEX, tmp_path / "said.mcap", topics=("said",))
+    with pytest.raises(InputError, match=r"has no round that all modules report: .*topics said"):
         diff(HEX, claims)
 
 

@@ -18,7 +18,6 @@ from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.complexes.exploration import Explored, explore
 from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.coordinator.complexes.links import check_links
-from cubepath.coordinator.complexes.shape_complexes import shape_complex
 from cubepath.coordinator.complexes.state_complexes import (
     StateComplex,
     bytes_for,
@@ -27,11 +26,9 @@ from cubepath.coordinator.complexes.state_complexes import (
 )
 from cubepath.coordinator.complexes.state_masks import Bits, commutes, row_of
 from cubepath.protocol.core.actions import apply, commute, end_at
-from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.lattice import LatticeSystem
 from listed_scenes import listed, listed_scenes, move
 from plain_steps import COMPILED, PLAIN, plain_steps
 
@@ -142,7 +139,7 @@ def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> N
 
 
 def test_equal_actions_under_two_names_are_one_edge() -> None:
-    """Listed there and back, or as two generators of a lattice: a square, and one edge."""
+    """Listed there and back: a square, and one edge."""
     scene = listed(
         move("g", [], "a", "b"),
         move("h", [], "b", "a"),
@@ -152,15 +149,6 @@ def test_equal_actions_under_two_names_are_one_edge() -> None:
     built = state_complex(explore(scene))
     assert built.complex.f_vector == (4, 4, 1)
     built.complex.check()
-    both = [
-        Generator(name, (here, there), (here, there), (here,), (there,), ((here, there),))
-        for name, here, there in (("right", (0, 0), (1, 0)), ("left", (0, 0), (-1, 0)))
-    ]
-    catalogue = Catalogue(SQUARES, tuple(both))
-    walled = Scene("two", "", LatticeSystem(catalogue, workspace=[(0, 0), (1, 0)]), ((0, 0),))
-    assert f_vector(explore(walled)) == (2, 1)
-    free = Scene("free", "", LatticeSystem(catalogue), ((0, 0),))
-    assert shape_complex(free).complex.f_vector == (1, 1)
 
 
 def test_a_guard_on_an_obstacle_is_a_need() -> None:

@@ -70,12 +70,10 @@ def test_runs_are_counted_by_setting(folder: Path) -> None:
         reached = [row for row in mine if row["goal"]]
         assert told["runs"] == len(mine) == 6
         assert told["goal"]["estimate"] == len(reached) / 6
-        if reached:
-            mean = sum(row["rounds"] for row in reached) / len(reached)
-            assert told["rounds"]["estimate"] == pytest.approx(mean)
-            assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
-        else:
-            assert told["rounds"] is None
+        mean = sum(row["rounds"] if row["goal"] else 60 for row in mine) / 6
+        assert told["rounds"]["estimate"] == pytest.approx(mean)
+        assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
+        assert (told["cubes"] is None) == (not reached)
 
 
 def test_what_failed_is_counted_however_it_did(folder: Path) -> None:
@@ -164,12 +162,23 @@ def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None
     assert plots["growth-rounds"].count(">0/6<") == 4
     assert ">random<" in plots["growth-rounds"]
     assert "24 of 24 reached" in plots["price"]
+    mixed = [row | {"goal": row["goal"] and row["seed"] != 2} for row in rows]
+    plots = {plot.name: plot.svg.decode() for plot in plots_of(mixed, {})}
+    assert plots["growth-cubes"].count(">5/6<") == plots["cubes-over-best"].count(">5/6<") == 8
 
 
 def test_growth_of_three_sizes_is_not_fitted(folder: Path) -> None:
     """A line through three points says little."""
     rows = [row for row in read_sweep(folder).rows if row["system"] != "hex:n=6"]
     assert growth_table(rows).rows == ()
+
+
+def test_growth_leaves_out_sizes_at_which_a_run_did_not_arrive(folder: Path) -> None:
+    """The runs that did arrive there may be the easy ones."""
+    rows = [row for row in read_sweep(folder).rows if row["rule"] == "chain"]
+    assert growth_table(rows).rows
+    late = [row | {"goal": row["goal"] and (row["modules"], row["seed"]) != (6, 0)} for row in rows]
+    assert growth_table(late).rows == ()
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,7 @@ def new_parquet(log: Path) -> Path:
         ({"table": "mvoes"}, r"unknown table 'mvoes' \(did you mean 'moves'\?\)"),
         ({"form": "xlsx"}, "unknown form 'xlsx', expected one of csv, parquet"),
         ({"out": "out.xls"}, r"found the suffix .xls, expected one of .csv, .parquet"),
-        ({"topics": ["claim"]}, "table moves has no topics and kinds, expected table messages"),
+        ({"topics": ["said"]}, "table moves has no topics and kinds, expected table messages"),
         ({"table": "messages", "kinds": ["clam"]}, r"unknown kind 'clam' \(did you mean 'claim'"),
         ({"form": "moves", "first": 3}, "a moves file has all moves"),
         ({"table": "claims", "form": "moves"}, "a moves file has all moves"),
@@ -237,11 +237,13 @@ def test_levels_are_not_made_of_the_wall_clock() -> None:
     assert any(table_of(walled, Wanted("moves", Selection(until=3))).batches)
 
 
-@pytest.mark.parametrize(("table", "kind"), [("moves", "report"), ("claims", "claim")])
-def test_what_was_left_out_makes_no_empty_table(table: str, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("table", "kind", "batch"), [("moves", "report", "reports"), ("claims", "claim", "said")]
+)
+def test_what_was_left_out_makes_no_empty_table(table: str, kind: str, batch: str) -> None:
     """That there is nothing on record is told, and is not taken for that nothing happened."""
-    filter_recording(GOLDEN / "hex-5.mcap", path := new_path(), exclude=[kind])
-    with pytest.raises(InputError, match=rf"no {kind} on record, .* \(filtered without {kind}\)"):
+    filter_recording(GOLDEN / "hex-5.mcap", path := new_path(), exclude=[batch])
+    with pytest.raises(InputError, match=rf"no {kind} on record, .* \(filtered without {batch}\)"):
         export(path, new_path(".csv"), table=table)
 
 

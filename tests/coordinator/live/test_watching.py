@@ -12,7 +12,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -137,7 +137,7 @@ def said(log: Path, begin: int) -> list[Said]:
         move = generator, json.dumps(at, separators=(",", ":"))
         found[number - 1][0].append((module, move, int(outcome == "granted")))
     for logged in recording.messages("report"):
-        for kind, sender, _ in logged.message.deliveries():
+        for kind, sender in logged.message.deliveries():
             found[logged.round - 1][1].append((kind, sender, logged.message.module))
     return [(sorted(claims), sorted(heard)) for claims, heard in found[begin:]]
 
@@ -354,30 +354,41 @@ def elsewhere_run(folder: Path) -> None:
         watch_run(running.endpoint, "0123456789ab", patience_s=0.5)
 
 
-@pytest.mark.thorough
-def test_the_command_tells_the_address_and_ends_a_paused_run(tmp_path: Path) -> None:
-    """By an interrupt, with the recording closed; nothing listens any more."""
-    log = tmp_path / "run.mcap"
-    command = [sys.executable, "-m", "cubepath.coordinator", "run", SPEC, "--processes", "0"]
+@contextmanager
+def said_by(*command: str) -> Generator[tuple[subprocess.Popen[str], Callable[[str], str]]]:
+    """Start a command; also return what waits for a line on standard error that has a pattern."""
     with (
         subprocess.Popen(
-            [*command, "--live", "--paused", "--log", str(log)],
-            stderr=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            text=True,
+            command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
         ) as child,
         ended(child),
     ):
         assert child.stderr is not None
-        address = ""
-        while not address:
-            found = re.search(
-                r"live at (http://127\.0\.0\.1:\d+/\S+/); the run", child.stderr.readline()
-            )
-            address = found[1] if found else ""
+        lines = child.stderr
+
+        def next_match(pattern: str) -> str:
+            for line in lines:
+                found = re.search(pattern, line.rstrip("\n"))
+                if found is not None:
+                    return found[1]
+            raise AssertionError(f"never said: {pattern}")
+
+        yield child, next_match
+
+
+@pytest.mark.thorough
+def test_the_command_tells_the_address_and_ends_a_paused_run(tmp_path: Path) -> None:
+    """By an interrupt, with the recording closed; each address is the last word of its line."""
+    log = tmp_path / "run.mcap"
+    command = [sys.executable, "-m", "cubepath.coordinator", "run", SPEC, "--processes", "0"]
+    with said_by(*command, "--live", "--paused", "--log", str(log)) as (child, next_match):
+        address = next_match(r"live at (http://127\.0\.0\.1:\d+/\S+/)$")
+        endpoint = next_match(r"endpoint (\S+), run ")
         client = Client(address)
         order(address, "step")
         soon(lambda: len(client.rows) == 1)
+        with said_by(*command[:3], "view", "--connect", endpoint) as (_, next_said):
+            assert not unused(next_said(r"end of round 1 on, live at (\S+/)$"))
         os.kill(child.pid, signal.SIGINT)
         assert child.wait(20) == 130
     assert client.join().ended == {"ended": "interrupted", "error": "interrupted"}

@@ -21,7 +21,7 @@ from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.wire.messages import Report, decode, encode
+from cubepath.protocol.wire.messages import Reports, decode, encode
 from recordings import new_path
 
 HEX = GOLDEN / "hex-5.mcap"
@@ -48,7 +48,8 @@ def test_a_recording_that_begins_late_is_compared_from_its_first_whole_round_on(
     assert found.not_compared == ("rounds 1 to 4", "cubes", "summary")
     told = read_recording(AGV).moves()["round"]
     assert found.moves == int((told >= 5).sum())
-    assert "of 609 messages (from 5)" in str(found.lacking)
+    whole = len(read_recording(AGV).records)
+    assert f"of {whole} messages (from 5)" in str(found.lacking)
 
 
 def test_what_differs_in_a_late_recording_is_found() -> None:
@@ -78,7 +79,7 @@ def test_what_was_left_out_by_topic_is_not_compared() -> None:
     assert no_edges.result == "the same as recorded; not compared: rounds 1 to 29"
     no_cubes = replay(cut(HEX, exclude=("cube",)))
     assert (no_cubes.not_compared, no_cubes.rounds_compared) == (("cubes",), 29)
-    no_reports = replay(cut(HEX, exclude=("report",)))
+    no_reports = replay(cut(HEX, exclude=("reports",)))
     assert no_reports.not_compared == ("rounds 1 to 29", "cubes", "summary")
     assert no_reports.agrees
 
@@ -88,11 +89,13 @@ def test_reports_that_cannot_be_are_told_with_their_file_and_round() -> None:
     recording = read_recording(cut(HEX, first=5))
     records = list(recording.records)
     place, record = next(
-        each for each in enumerate(records) if each[1].kind == "report" and each[1].round == 7
+        each for each in enumerate(records) if each[1].kind == "reports" and each[1].round == 7
     )
-    report = decode(record.data)
-    assert isinstance(report, Report)
-    records[place] = with_fields(record, data=encode(structs.replace(report, site=[9, 9])))
+    message = decode(record.data)
+    assert isinstance(message, Reports)
+    report = message.parts[0]
+    parts = [structs.replace(report, site=[9, 9]), *message.parts[1:]]
+    records[place] = with_fields(record, data=encode(structs.replace(message, parts=parts)))
     why = (
         rf"{recording.path}: round 7: report of module_{report.module}: it ends at \[9,9\], and the"
         r" moves take it to \["
@@ -178,5 +181,7 @@ def test_one_line_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> No
     late = str(cut(HEX, first=5))
     assert main(["replay", late, "--json"]) == 0
     said = capsys.readouterr()
-    assert said.err == f"cubepath: {late}: 544 of 630 messages (from 5)\n"
-    assert json.loads(said.out)["lacking"] == "544 of 630 messages (from 5)"
+    messages = [len(read_recording(each).records) for each in (late, HEX)]
+    lacking = "{} of {} messages (from 5)".format(*messages)
+    assert said.err == f"cubepath: {late}: {lacking}\n"
+    assert json.loads(said.out)["lacking"] == lacking

@@ -182,7 +182,7 @@ def test_progress_is_told_of_every_message() -> None:
         ({"rate": 0.0}, "rate=0.0: expected more than 0"),
         ({"rate": float("nan")}, "rate=nan: expected more than 0"),
         ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of said"),
-        ({"kinds": ["here"]}, "without reports there is nothing to gather"),
+        ({"kinds": ["said"]}, "without reports there is nothing to gather"),
         ({"endpoint": "nonsense"}, "endpoint nonsense: expected tcp/HOST:PORT"),
     ],
 )

@@ -8,15 +8,19 @@ import re
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
 
 from cubepath.agents.processes.join_messages import alive_key
+from cubepath.agents.processes.joining import Joining, join
+from cubepath.coordinator.comparison.comparing import diff
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.sessions import open_client
@@ -100,6 +104,10 @@ def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, dige
     contents = info(read_recording(commands.folder / json.loads(answer)["log"]))
     assert contents["processes"] == 1
     assert re.search(r"modules +6 in 1 processes", render(contents))
+    with chdir(commands.folder):
+        log = run(*SYSTEM[:1], "random", seed=3, max_rounds=40, processes=0, log="alone.mcap").log
+        found = diff(json.loads(answer)["log"], log)
+    assert found.parameters == {"wait_for": ("1", None), "processes": ("1", "0")}
 
 
 @pytest.mark.thorough
@@ -293,12 +301,32 @@ def test_a_run_waits_for_others_no_longer_than_its_patience(commands: Commands) 
     assert "cubepath: waiting for 2 processes: modules 0-5" in errors
 
 
-def test_a_process_that_finds_no_router_says_so_soon(commands: Commands) -> None:
-    """And tries on, as the router may come later."""
-    joined = joins(commands, "tcp/127.0.0.1:9", "0")
-    joined.says("no zenoh router at tcp/127.0.0.1:9: nobody answers; trying for 58 s more")
-    joined.signal(signal.SIGINT)
-    assert joined.end()[0] == 130
+@pytest.mark.parametrize("place", ["127.0.0.1:9", "[::1]:9", "127.0.0.1:9#bind=127.0.0.2:0"])
+def test_a_process_that_finds_nothing_at_an_address_ends_soon(place: str) -> None:
+    """Within three seconds, however patient it is."""
+    began = time.monotonic()
+    line = f"no zenoh router at tcp/{place}: nobody answers"
+    with pytest.raises(CheckError, match=f"^{re.escape(line)}$"):
+        join(Joining(f"tcp/{place}", (0,)))
+    assert 1.0 < time.monotonic() - began < 3.0
+
+
+@pytest.mark.thorough
+def test_a_process_waits_for_a_router_that_stands_still(commands: Commands) -> None:
+    """The address answers, so it waits for its patience; and it joins once the router goes on."""
+    router = commands.start("router", f"--listen={LOOPBACK}")
+    endpoint = listens(router)
+    task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
+    child = int(task.read_text().split()[0])
+    os.kill(child, signal.SIGSTOP)
+    try:
+        joined = joins(commands, endpoint, "0")
+        with pytest.raises(CheckError, match="did not end within 6 s"):
+            joined.wait(6)
+    finally:
+        os.kill(child, signal.SIGCONT)
+    runs = commands.start("run", "hex:n=2", f"--connect={endpoint}", "--wait-for=1")
+    assert (runs.end()[0], joined.end()[0]) == (0, 0)
 
 
 @pytest.mark.thorough

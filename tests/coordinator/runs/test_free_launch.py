@@ -302,6 +302,12 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     child.kill()
     child.communicate()
     assert keeper_logs(log).is_dir()
+    whole = journal.read_bytes()
+    journal.write_bytes(b"".join(whole.splitlines(keepends=True)[:4]))
+    with pytest.raises(InputError, match=r"keeper_0\.log: the last .* it is an older log$"):
+        run(Plan(resume=log, log=more))
+    assert not more.exists()
+    journal.write_bytes(whole)
     outcome = run(Plan(resume=log, log=more, max_rounds=1))
     assert outcome.ended == "max-rounds"
     assert outcome.moves >= sum(1 for _ in read_recording(log).of_kind("moved")) > 0

@@ -33,8 +33,8 @@ def with_a_gap(out: Path) -> None:
 @pytest.mark.parametrize(
     ("cut", "said"),
     [
-        (without("hex-5.mcap", "report*"), "no reports on record; it holds "),
-        (without("hex-5.mcap", "report/module_1"), "round 1 is not complete, but"),
+        (without("hex-5.mcap", "reports"), "no reports on record; it holds "),
+        (without("hex-5.mcap", "reports/process_1"), "round 1 is not complete, but"),
         (without("hex-free-5.mcap", "moved/keeper_1"), "commit 1 of keeper_1 is missing; it holds"),
         (with_a_gap, "round 11 is not complete, but there are reports of round 29"),
     ],

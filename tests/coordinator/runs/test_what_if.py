@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -221,7 +222,7 @@ def test_the_parent_is_named() -> None:
     told = outcome.recording().parameters
     assert (told["rule"], told["what_if"], told["from_round"]) == ("recorded", "random", "5")
     assert told["parent"] == "agv-6.mcap"
-    assert told["parent_sha256"].startswith("75ed154445206c66e9eae6bffb86539bc80d4dd0")
+    assert told["parent_sha256"] == sha256((GOLDEN / "agv-6.mcap").read_bytes()).hexdigest()
     assert told["parent_path_digest"] == gathered(read_recording(GOLDEN / "agv-6.mcap")).digest
     checked(outcome)
 
@@ -256,7 +257,7 @@ def test_a_recording_that_was_cut_off_goes_on(tmp_path: Path) -> None:
     """As far as whole rounds go, whatever was said of the next one."""
     whole = (GOLDEN / "agv-6.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(whole[: len(whole) // 2])
+    cut.write_bytes(whole[: len(whole) // 3])
     parent = read_recording(cut)
     rounds = gathered(parent).rounds
     assert 2 < rounds < 20

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import count
 from math import inf
 from random import Random
 
@@ -18,6 +19,7 @@ from cubepath.coordinator.satisfiability.literal_windows import (
 )
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.window_bounds import window_bound
+from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -254,3 +256,22 @@ def test_the_bound_by_halving_is_that_of_one_round_after_another(seed: int) -> N
     assert told == sorted(set(told))
     assert (told[-1] if told else -1) == expected - 1
     assert len(told) <= 2 * most.bit_length()
+
+
+def test_windows_can_be_given_up_whenever_all_moves_were_looked_at() -> None:
+    """A clock that ticks at each look stops it at any of them."""
+    line = [Action({at, at + 1}, {at, at + 1}, {at}, {at + 1}) for at in range(30)]
+    met = MetMoves(None, line, frozenset({0}), frozenset({10}))
+    arrays, ends = met.arrays(), (met.on(0), met.on(1))
+
+    def until(looks: float) -> Budget:
+        clock = count()
+        return Budget(looks, clock=lambda: float(next(clock)))
+
+    for looks in range(1, 5):
+        with pytest.raises(SpentError):
+            windows_of(arrays, *ends, 12, until(looks).spend)
+    assert windows_of(arrays, *ends, 12, until(5).spend).rounds == 12
+    met.spend = until(3).spend
+    with pytest.raises(SpentError):
+        window_bound(met, 0, 20)

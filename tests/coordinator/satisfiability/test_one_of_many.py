@@ -11,6 +11,7 @@ import pytest
 from complexes import states_of
 from cubepath.coordinator.satisfiability.clauses import SITE
 from cubepath.coordinator.satisfiability.encoding import encode
+from cubepath.coordinator.satisfiability.literal_windows import windows_of
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.one_of_many import Group
 from cubepath.protocol.core.actions import Action
@@ -66,7 +67,7 @@ def test_sites_of_a_group_exclude_each_other_at_every_time() -> None:
         clauses = {
             frozenset(each.tolist()) for each in np.split(problem.literals, problem.ends[:-1])
         }
-        possible = problem.windows.value_possible()
+        possible = windows_of(met.arrays(), met.on(0), met.on(1), 5).value_possible()
         number = {
             (index, time): place
             for place, (kind, index, time) in enumerate(problem.variables.tolist(), start=1)

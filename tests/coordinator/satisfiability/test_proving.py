@@ -20,9 +20,11 @@ from cubepath.coordinator.satisfiability.proving import (
     Prover,
 )
 from cubepath.coordinator.satisfiability.solver_process import SolverProcess
+from cubepath.coordinator.search.budget import SpentError
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.shortening.normal_path import shorten
+from cubepath.coordinator.shortening.optimality_proof import proof_of
 from cubepath.coordinator.shortening.tasks import task_of
 from strategies import random_walk, scene
 
@@ -94,6 +96,26 @@ def test_a_refutation_by_search_has_a_log() -> None:
         assert refuted.log is not None
         assert os.fstat(refuted.log.fileno()).st_size > 0
     assert refuted.log.closed
+
+
+def test_what_windows_refute_is_written_without_another_look_at_the_moves() -> None:
+    """When the time is up a proof by windows is complete: it has no clauses to be built."""
+    met, path = given("agv:graph=grid3x3,n=2", 30, 1)
+    with Prover(met, path, 0) as prover:
+        prover.run(60)
+    refuted = prover.refutation
+    assert refuted is not None
+    assert refuted.why == WINDOWS
+
+    def spent(_steps: int) -> None:
+        raise SpentError
+
+    met.spend = spent
+    start, goal = (frozenset(met.sites[number] for number in end) for end in met.ends)
+    where = scene("agv:graph=grid3x3,n=2")
+    told = proof_of(refuted, prover.best, where, where.system, (start, goal))
+    assert (len(told.variables), len(told.sites), list(told.log)) == (0, 0, [])
+    assert len(told.moves) == len({action for cube in prover.best for action in cube})
 
 
 def test_what_is_known_to_be_optimal_is_refuted_once_more_if_asked_for() -> None:

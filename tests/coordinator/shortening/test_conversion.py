@@ -116,9 +116,9 @@ def test_a_bad_move_is_named_by_the_reader_of_lines(tmp_path: Path) -> None:
 
 
 def test_unusual_files_are_read_line_by_line(tmp_path: Path) -> None:
-    """Booleans as sites are nothing that a text decides."""
+    """A site that begins with NUL could be an id, so the reader of lines decides."""
     path = tmp_path / "m.jsonl"
-    path.write_text('{"id": 1, "support": [true], "trace": [true]}\n' * 3)
+    path.write_text('{"id": 1, "support": ["\\u0000a"], "trace": ["\\u0000a"]}\n' * 3)
     counts: list[int] = []
     found = shorten(path, progress=counts.append)
     assert (found.moves, found.reduced_moves, sum(counts)) == (3, 1, 3)

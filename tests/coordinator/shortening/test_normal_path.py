@@ -27,7 +27,8 @@ from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json
-from cubepath.protocol.wire.messages import Report, encode
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Report, Reports, encode
 from strategies import scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
@@ -310,7 +311,7 @@ def report(number: int, module: int, before: list[int], site: list[int] | None =
     """Return the report of a vehicle that went along an edge, or stayed."""
     move = None if site is None else GeneratorPlacement("edge", sorted([before, site]))
     claim: Literal["none", "granted"] = "none" if move is None else "granted"
-    return Report(number, module, before, site or before, claim, move, [])
+    return Report(number, module, before, site or before, claim, move, {})
 
 
 RUN = [
@@ -326,8 +327,9 @@ RUN = [
 def record(path: Path, reports: Sequence[Report]) -> Path:
     with RecordingWriter(path, scene(VEHICLES), {"system": VEHICLES}) as writer:
         for each in reports:
-            topic = f"report/{each.module}"
-            writer.write(topic, encode(each), round_number=each.round, wall_ns=0)
+            message = Reports(each.round, each.module, [each])
+            data = encode(message)
+            writer.write(topic_of(message), data, round_number=each.round, wall_ns=0)
     return path
 
 
@@ -393,7 +395,7 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "contradiction": (
         [RUN[0], report(1, 0, [0, 0])],
         CheckError,
-        "report 1 (report/0): module_0 reports round 1 twice, and differently",
+        "report 1 (report/module_0): module_0 reports round 1 twice, and differently",
     ),
     "no module": ([report(1, 2, [0, 0])], CheckError, "no such module in this run"),
     "unknown edge": (

@@ -6,13 +6,13 @@ from collections import Counter
 
 import pytest
 
+from cubepath.agents.rules.asked import fitting_rules
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,
     Asked,
     built,
     check,
-    fitting,
     scenario_of,
 )
 from cubepath.protocol.core.errors import InputError
@@ -47,8 +47,8 @@ def test_every_system_with_every_rule_that_fits_is_drawn() -> None:
 @pytest.mark.parametrize("clock", ["lockstep", "free"])
 def test_a_rule_that_refuses_the_scene_is_not_drawn(clock: str) -> None:
     """The goal of a random shape is no chain, though its moves are those of chains."""
-    assert fitting(built("hex-shapes:n=5"), clock) == ["random"]
-    assert fitting(built("hex:n=5"), clock) == ["random", "chain"]
+    assert fitting_rules(built("hex-shapes:n=5"), clock) == ["random"]
+    assert fitting_rules(built("hex:n=5"), clock) == ["random", "chain"]
 
 
 def test_the_same_seed_is_the_same_run() -> None:

@@ -1,4 +1,4 @@
-"""Verifying recordings of batches: whatever is wrong is found and named as in single messages."""
+"""Verifying batches: whatever is wrong with one, or with a part of it, is found and named."""
 
 from __future__ import annotations
 
@@ -7,13 +7,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-import tamperings_of_certificates
-import tamperings_of_choices
-import tamperings_of_results
-import tamperings_of_runs
-import tamperings_of_schedules
-from batched import first_batch, singles
-from cubepath.coordinator.auditing.recording import audit
+from batched import first_batch
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -32,19 +26,7 @@ from cubepath.protocol.wire.messages import (
     kind_of,
 )
 from recordings import edited, first, recorded, with_records
-from tamperings import TAMPERINGS, Tampering, crowd, failing
-
-MODULES_OF_RESULTS = (
-    tamperings_of_certificates,
-    tamperings_of_choices,
-    tamperings_of_results,
-    tamperings_of_runs,
-    tamperings_of_schedules,
-)
-"""Imported for the tamperings that they add."""
-
-OF_BATCHES = [each for each in TAMPERINGS if each.values[1][0] != "messages"]
-"""Those of recordings that are in batches; the others are of recordings of single messages."""
+from tamperings import crowd, failing
 
 
 def whole() -> Recording:
@@ -66,46 +48,18 @@ def said_of(recording: Recording, check: str) -> str:
     return next(each.detail for each in verify(recording).checks if each.name == check)
 
 
-def test_a_recording_in_batches_passes_with_the_same_result() -> None:
-    """Moves, rounds, cubes and digest are those of the same run in single messages."""
-    found, single = verify(whole()), verify(singles(whole()))
-    assert found == single
-    assert found.ok
-    kinds = {record.kind for record in whole().records}
-    assert {"said", "reports"} <= kinds
-    assert not {"here", "note", "claim", "verdict", "report"} & kinds
-    assert len(whole().records) < len(singles(whole()).records)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("make", "checks"), OF_BATCHES)
-def test_what_is_tampered_with_is_found_in_batches(
-    make: Tampering, checks: tuple[str, ...]
-) -> None:
-    """The same checks fail, with the same words, as where each part is a message of its own."""
-    recording = make()
-    found, single = audit(recording), audit(singles(recording))
-    assert set(checks) <= failing(found)
-    # Single messages tell also where those stood who were heard, which must agree too.
-    of_batches = {"batches", "pacing"}
-    assert failing(found) - of_batches in (
-        failing(single) - of_batches,
-        failing(single) - of_batches - {"deliveries"},
+def test_the_parts_of_a_kind_are_found_in_batches() -> None:
+    """`of_kind` gives them as records of their own, with their own topics; none stands alone."""
+    assert not {"here", "note", "claim", "verdict", "report"} & {
+        each.kind for each in whole().records
+    }
+    reports = [(each.topic, each.round) for each in whole().of_kind("report")]
+    rounds = len(list(whole().of_kind("edges")))
+    assert sorted(reports) == sorted(
+        (f"report/module_{module}", number)
+        for module in range(len(whole().scene.start))
+        for number in range(1, rounds + 1)
     )
-    # Of a part that stands in several batches it is said more than once that nobody spoke it.
-    # What is about batches and their counts is said of batches alone.
-    apart = ("said", "deliveries", "batches", "pacing")
-    some = [each for each in found.checks if each.name not in apart]
-    assert some == [each for each in single.checks if each.name not in apart]
-
-
-def test_the_parts_of_a_kind_are_found_in_both_forms() -> None:
-    """`of_kind` gives the reports of batches as records of their own, with their own topics."""
-    one = [(each.topic, each.round) for each in singles(whole()).of_kind("report")]
-    other = [(each.topic, each.round) for each in whole().of_kind("report")]
-    assert one == other
-    heres = {each.data for each in singles(whole()).of_kind("here", "verdict")}
-    assert {each.data for each in whole().of_kind("here", "verdict")} == heres
     batch = next(whole().of_kind("reports"))
     parts = list(batch.parts())
     assert {(each.sequence, each.wall_ns) for each in parts} == {(batch.sequence, batch.wall_ns)}
@@ -199,11 +153,11 @@ def test_a_batch_under_another_topic_or_round_is_named() -> None:
 
 @pytest.mark.parametrize("change", ["twice", "unsaid", "missed"])
 def test_what_a_module_heard_is_checked_by_kind_and_sender(change: str) -> None:
-    """A report of format 2 tells senders alone; one too many or too few is found."""
+    """A report tells senders alone; one too many or too few is found."""
     recording = whole()
     place, batch = first_batch(recording, "report", 2)
     assert isinstance(batch, Reports)
-    heard = [dict(part.heard) if isinstance(part.heard, dict) else {} for part in batch.parts]
+    heard = [part.heard for part in batch.parts]
     at = next(place for place, each in enumerate(heard) if len(each.get("here", ())) > 1)
     report, here = batch.parts[at], heard[at]["here"]
     told = {"twice": [here[0], *here], "unsaid": [*here, report.module], "missed": here[1:]}[change]
@@ -213,13 +167,9 @@ def test_what_a_module_heard_is_checked_by_kind_and_sender(change: str) -> None:
     assert failing(verify(found)) == {"hearing" if change == "missed" else "deliveries"}
 
 
-def test_gathering_from_batches_is_gathering_from_messages() -> None:
-    """The same path; what contradicts or cannot be read is named by report or batch."""
-    assert (
-        gathered(whole()).digest
-        == gathered(singles(whole())).digest
-        == first(crowd(), "summary").path_digest
-    )
+def test_what_contradicts_or_cannot_be_read_is_named_by_report_or_batch() -> None:
+    """Nothing is gathered then; of a right recording the path of the run is."""
+    assert gathered(whole()).digest == first(crowd(), "summary").path_digest
     recording = recorded("agv:graph=grid4x4,n=7", "tswap", rounds=4, processes=2)
     place, batch = first_batch(recording, "report", 2)
     assert isinstance(batch, Reports)

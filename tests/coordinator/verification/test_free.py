@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -15,17 +17,12 @@ from counted_lines import lines_of
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS
-from cubepath.coordinator.verification.free_history import History
-from cubepath.coordinator.verification.free_shown import Shownness
-from cubepath.coordinator.verification.free_transcript import FreeReading
-from cubepath.coordinator.verification.free_turns import TurnsOfModules
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
-from cubepath.protocol.wire.tiles import Tiles
 from free_numbers import numbered
-from free_runs import asked, free_recorded, free_run, write
+from free_runs import asked, free_recorded, free_run, results, write
 
 SPECS = (
     "agv:graph=grid6x6,n=6",
@@ -294,6 +291,23 @@ def test_a_log_by_wall_time_is_checked_by_it(tmp_path: Path) -> None:
     assert "messages" in failing(asked(told))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_messages_may_stand_in_any_order(tmp_path: Path, seed: int) -> None:
+    """Commits before what was asked, turns before those that they follow: the outcome is equal."""
+    scene, messages = free_run("hex:n=5", moves=10, restarts=1)
+    whole = [*numbered(messages), *results(scene, messages, 3)]
+    recording = read_recording(write(tmp_path / "a.mcap", scene, whole, wall=True))
+    found = asked(recording)
+    assert found.ok
+    records = Random(seed).sample(list(recording.records), len(recording.records))  # noqa: S311
+    mixed = tuple(replace(each, sequence=number) for number, each in enumerate(records))
+    again = asked(replace(recording, records=mixed))
+    # Cubes and the certificate name the greatest level before them.
+    assert failing(again) <= {"messages"}
+    assert replace(again, ok=True, checks=()) == replace(found, checks=())
+
+
 def test_a_missing_commit_is_found_by_its_number() -> None:
     """A commit that is nowhere on record leaves a gap, and readers that are not counted."""
     recording = free_recorded("hex:n=7", moves=30)
@@ -328,23 +342,36 @@ def test_a_unit_of_a_tail_that_the_system_does_not_have_is_found(place: object) 
     assert failed & {"tails", "messages"}
 
 
-def lines_per_turn(moves: int) -> float:
-    """Return how many lines a turn takes to check in a run of at least so many moves."""
-    recording = free_recorded("agv:graph=grid2x2,n=2", moves=moves)
+def longer(moves: int) -> Recording:
+    """Return a run of at least so many moves of few modules, in which places change often."""
+    return free_recorded("agv:graph=grid2x2,n=2", moves=moves)
 
-    def fail(check: str, why: str) -> None:
-        pytest.fail(f"{check}: {why}")
 
-    transcript = FreeReading(recording, fail).read(recording)
-    history = History(recording.scene, transcript.of_keepers(), fail)
-    tiles = Tiles(recording.scene.system, 3)
-    shown = Shownness(history, tiles, fail)
-    shown.check(transcript)
-    turns = TurnsOfModules(history, shown, transcript, tiles, fail)
-    return lines_of(lambda: turns.check(None)) / sum(map(len, transcript.turns.values()))
+def lines_per_message(moves: int) -> float:
+    """Return how many lines a message takes to check in a run of at least so many moves."""
+    recording = longer(moves)
+    return lines_of(lambda: verify(recording)) / len(recording.records)
 
 
 @pytest.mark.slow
-def test_a_turn_takes_as_long_to_check_in_a_longer_run() -> None:
+def test_a_message_takes_as_long_to_check_in_a_longer_run() -> None:
     """However often the places around a module have changed."""
-    assert lines_per_turn(240) < 1.1 * lines_per_turn(40)
+    assert lines_per_message(240) < 1.1 * lines_per_message(40)
+
+
+def bytes_at_most(recording: Recording) -> int:
+    """Return how many bytes are allocated at once while a recording is verified."""
+    tracemalloc.start()
+    try:
+        assert verify(recording).ok
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.thorough
+def test_a_message_of_a_longer_run_takes_few_bytes() -> None:
+    """Messages are not kept: what is kept of them is far less than they are on record."""
+    short, long = longer(100), longer(800)
+    more = len(long.records) - len(short.records)
+    assert bytes_at_most(long) - bytes_at_most(short) < 150 * more

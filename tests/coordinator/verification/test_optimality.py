@@ -1,12 +1,18 @@
-"""Proofs of optimality: those that hold are accepted, and whatever does not hold is refused."""
+"""Proofs of optimality: those that hold are accepted, and whatever does not hold is refused.
+
+All of it is asked of two checkers: that of `cubepath verify`, and one written from the page alone.
+"""
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,17 +22,29 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions
-from cubepath.coordinator.verification.optimality import Refutation, check_optimality
+from cubepath.coordinator.verification.optimality import (
+    ProvedOptimal,
+    Refutation,
+    check_optimality,
+)
+from cubepath.coordinator.verification.refutation_moves import Moves
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.optimality_proofs import Group, Ladder, OptimalityProof
+from cubepath.protocol.path_files.optimality_proofs import (
+    Group,
+    Ladder,
+    OptimalityProof,
+    write_proof,
+)
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from listed_scenes import listed, listed_scenes, move
+from minimal_checker import check
+from minimal_systems import RefusedError
 from obvious_refutations import Refutation as Obvious
 from obvious_refutations import claim_of, log_of, proof_of
 
@@ -99,10 +117,23 @@ def proof(spec: str) -> OptimalityProof:
     return found
 
 
+def file_of(told: OptimalityProof) -> bytes:
+    with TemporaryDirectory() as folder:
+        write_proof(Path(folder, "a.proof"), told)
+        return Path(folder, "a.proof").read_bytes()
+
+
+def accepted(told: OptimalityProof) -> ProvedOptimal:
+    """Return what both checkers find that a proof proves; CheckError or an error of the other."""
+    found, second = check_optimality(told), check(file_of(told))
+    assert second == (found.refuted, found.cubes, found.proved, found.variables, found.clauses)
+    return found
+
+
 @pytest.mark.parametrize("spec", KINDS)
 def test_a_proof_holds(spec: str) -> None:
     """What is obviously a proof is accepted, for a system of each kind."""
-    found = check_optimality(proof(spec))
+    found = accepted(proof(spec))
     assert found.optimal
     assert found.cubes == found.refuted + 1 == len(proof(spec).schedule)
 
@@ -122,7 +153,7 @@ def test_proofs_need_all_that_clauses_can_say() -> None:
         "at most one",
         "exactly one",
     }
-    assert sum(check_optimality(each).lemmas > 0 for each in proofs) > 2
+    assert sum(accepted(each).lemmas > 0 for each in proofs) > 2
     assert sum(check_optimality(each).clauses > 0 for each in proofs) > 6
 
 
@@ -144,8 +175,8 @@ def held() -> OptimalityProof:
 def test_clauses_are_those_of_the_definitions(spec: str, more: int) -> None:
     """The clauses are, one by one, those that the obvious way finds, refuted or not."""
     scene, told = scene_from_spec(spec), proof(spec)
-    actions = Refutation(told).actions
-    cubes = [[actions[number] for number in cube] for cube in told.schedule]
+    action = Refutation(told).action
+    cubes = [[action(number) for number in cube] for cube in told.schedule]
     same_clauses(*claim_of(scene, cubes, frozenset(told.goal), refuted=told.refuted + more))
 
 
@@ -172,14 +203,13 @@ def test_proofs_of_random_systems(scene: Scene, seed: int, alone: bool) -> None:
     if cubes:
         found = proof_of(scene, cubes, goal, listed=actions)
         assert found is not None
-        assert check_optimality(found).optimal
+        assert accepted(found).optimal
     # One round more is not impossible: with any log that claim is refused.
     longer = [*cubes, []]
     assert proof_of(scene, longer, goal, listed=actions) is None
     false, _ = claim_of(scene, longer, goal, listed=actions)
     for log in (b"", b"a\x00", b"a\x02\x00a\x03\x00a\x00"):
-        with pytest.raises(CheckError):
-            check_optimality(replace(false, log=[log]))
+        refusal(false, log=[log])
 
 
 @given(scene=listed_scenes(), seed=st.integers(0, 99), data=st.data())
@@ -196,8 +226,7 @@ def test_no_group_that_is_accepted_refutes_what_is_possible(
         kind = data.draw(st.sampled_from(["at most one", "exactly one"]))
         found.say_group(Group(kind, data.draw(numbers)))  # type: ignore[arg-type]
     log = log_of(len(found.variables), found.clauses) or b""
-    with pytest.raises(CheckError):
-        check_optimality(replace(false, groups=found.groups, log=[log]))
+    refusal(false, groups=found.groups, log=[log])
 
 
 SLIDING = "sliding:p=2,q=2"
@@ -206,8 +235,11 @@ LABELLED = "agv-labelled:graph=grid3x2,n=4,seed=2"
 
 def refusal(told: OptimalityProof, **changed: Any) -> str:
     """Return why a changed proof is refused."""
+    false = replace(told, **changed)
+    with pytest.raises(RefusedError):
+        check(file_of(false))
     with pytest.raises(CheckError) as caught:
-        check_optimality(replace(told, **changed))
+        check_optimality(false)
     said = str(caught.value)
     assert "\n" not in said
     return said
@@ -245,9 +277,11 @@ def test_other_meanings_are_refused_or_harmless(data: st.DataObject) -> None:
     if data.draw(st.booleans()):
         rows[[one, other]] = rows[[other, one]]
         try:
-            found = check_optimality(replace(told, variables=rows))
+            check_optimality(replace(told, variables=rows))
         except CheckError:
+            refusal(told, variables=rows)
             return
+        found = accepted(replace(told, variables=rows))
         assert found.refuted == told.refuted  # as exhaustive search says
         return
     rows[one, data.draw(st.integers(0, 2))] += data.draw(st.sampled_from([-1, 1]))
@@ -265,7 +299,7 @@ def test_what_the_schedule_must_be() -> None:
     assert "less than" in refusal(told, schedule=[[99999], *cubes[1:]])
     refusal(told, schedule=[cubes[1], cubes[0], *cubes[2:]])
     # An idle round makes it no shortest one, but what is said is still true.
-    longer = check_optimality(replace(told, schedule=[[], *cubes], cubes=told.cubes + 1))
+    longer = accepted(replace(told, schedule=[[], *cubes], cubes=told.cubes + 1))
     assert longer.proved
     assert not longer.optimal
 
@@ -334,6 +368,45 @@ def other_moves(told: OptimalityProof) -> list[Any]:
     return [GeneratorPlacement("no such generator", (0, 0)), *told.moves[1:]]
 
 
+def actions_in_memory() -> int:
+    gc.collect()
+    return sum(type(each) is Action for each in gc.get_objects())
+
+
+def test_the_moves_that_are_found_are_kept_as_numbers() -> None:
+    """Of thousands of moves no action stays in memory, only rows of a table."""
+    scene = scene_from_spec("triangulation:n=40,start=right,goal=up")
+    goal = frozenset(scene.goal or ()) | scene.system.filled
+    moves = Moves(scene.start_state, goal, [])
+    before = actions_in_memory()
+    moves.find(scene.system, 8)
+    assert len(moves.table.starts) > 1000
+    assert actions_in_memory() <= before
+
+
+def test_a_proof_by_windows_alone_has_no_more_than_it_needs() -> None:
+    """Variables, sites in groups, and a log that nothing asks for are refused."""
+    told = proof("polygon:n=8")
+    assert accepted(told).clauses == 0
+    rows = np.array([[0, 0, 1]], dtype=np.int32)
+    for name, told_too in (("variables", rows), ("ladders", [Ladder(0, 1, "on", [1])])):
+        changed: dict[str, Any] = {name: told_too}
+        assert f"there are {name}, and nothing" in refusal(told, sites=told.start, **changed)
+    groups = [Group("at most one", [0])]
+    assert "there are groups" in refusal(told, sites=told.start, groups=groups)
+    assert "there is a log" in refusal(told, log=[b"a\x00"])
+
+
+def test_moves_have_any_of_their_names() -> None:
+    """A name that no search of the system gives is one all the same, and the same move twice."""
+    told = proof("triangulation:n=9,seed=2")
+    first = told.moves[0]
+    assert isinstance(first, GeneratorPlacement)
+    turned = GeneratorPlacement(first.generator, tuple(reversed(first.at)))
+    assert accepted(replace(told, moves=[turned, *told.moves[1:]])).optimal
+    assert "the same as move 0" in refusal(told, moves=[*told.moves, turned])
+
+
 def test_lemmas_must_follow() -> None:
     """A log cut off anywhere, and one that begins with what does not follow, are refused."""
     told = proof(SLIDING)
@@ -347,6 +420,7 @@ def test_lemmas_must_follow() -> None:
         try:
             assert check_optimality(changed).optimal
         except CheckError as error:
+            refusal(changed)
             assert str(error) == "lemma 1 of the log does not follow by unit propagation"  # noqa: PT017
             wrong += 1
     assert wrong > 5
@@ -361,15 +435,18 @@ def test_changed_logs_are_refused_or_harmless(data: st.DataObject) -> None:
     log = bytearray(b"".join(told.log))
     for _ in range(data.draw(st.integers(1, 3))):
         log[data.draw(st.integers(0, len(log) - 1))] = data.draw(st.integers(0, 255))
+    changed = replace(told, log=[bytes(log)])
     try:
-        assert check_optimality(replace(told, log=[bytes(log)])).optimal
+        assert check_optimality(changed).optimal
     except CheckError as error:
         assert "log" in str(error)  # noqa: PT017
+    else:
+        assert accepted(changed).optimal
 
 
 def test_agreed_is_not_proved() -> None:
     """What two solvers agree on is checked but for its log, and not called proved or optimal."""
-    found = check_optimality(replace(proof(SLIDING), standing="agreed", log=[]))
+    found = accepted(replace(proof(SLIDING), standing="agreed", log=[]))
     assert not found.proved
     assert not found.optimal
     assert found.clauses
@@ -379,7 +456,7 @@ def test_agreed_is_not_proved() -> None:
 def test_a_system_of_a_file_and_one_that_is_not_local() -> None:
     """A scene of a TOML file has a proof as others have; a rule for the aggregate has none."""
     scene = scene_from_toml(scene_to_toml(holding()), "a file")
-    assert Refutation(replace(held(), system=scene_to_toml(scene))).checked().optimal
+    assert accepted(replace(held(), system=scene_to_toml(scene))).optimal
     connected = scene_to_toml(scene_from_spec("hex-connected:n=4"))
     assert "not local" in refusal(proof("hex:n=4"), system=connected)
 

@@ -6,7 +6,6 @@ from dataclasses import replace as with_fields
 
 import pytest
 
-from batched import singles
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import Recording
@@ -128,7 +127,7 @@ def test_what_does_not_fit_is_named(messages: tuple[Message, ...], why: str) -> 
 
 
 def test_what_is_counted_and_not_there_is_missing() -> None:
-    """In the phase that was begun last; in format 1 nothing is counted."""
+    """In the phase that was begun last."""
     pacing, _ = of_two()
     for message in SENSED[:-2]:
         pacing.take(message)
@@ -152,8 +151,7 @@ def test_without_a_parameter_those_who_joined_are_the_processes() -> None:
     "processes", [2, *(pytest.param(each, marks=pytest.mark.thorough) for each in (1, 3))]
 )
 def test_real_runs_keep_their_pace(processes: int) -> None:
-    """In both forms, whichever process is first."""
+    """Whichever process is first."""
     whole = recorded("hex-open:n=6", rounds=8, seed=3, hesitate=0.2, processes=processes)
-    for recording in (whole, singles(whole)):
-        found = verify(recording)
-        assert found.ok, [check for check in found.checks if not check.ok]
+    found = verify(whole)
+    assert found.ok, [check for check in found.checks if not check.ok]

@@ -15,7 +15,6 @@ import tamperings_of_choices
 import tamperings_of_results
 import tamperings_of_runs
 import tamperings_of_schedules
-from batched import singles
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
@@ -38,18 +37,11 @@ MODULES_OF_RESULTS = (
 )
 """Imported for the tamperings that they add."""
 
-FORMS = [
-    pytest.param(
-        make,
-        form,
-        id=f"{make.__name__}-{form}",
-        marks=[pytest.mark.thorough] if form == "single messages" or number % 4 else [],
-    )
-    for number, (make, checks) in enumerate(each.values for each in TAMPERINGS)
-    for form in ("as recorded", "single messages")
-    if form == "as recorded" or (checks[0] != "messages" and number % 3 == 0)
+SOME = [
+    pytest.param(make, id=make.__name__, marks=[pytest.mark.thorough] if number % 4 else [])
+    for number, (make, _) in enumerate(each.values for each in TAMPERINGS)
 ]
-"""Each tampering; of those in batches every third also with each part as a message of its own."""
+"""Each tampering, most of them thorough."""
 
 
 def written(recording: Recording) -> Recording:
@@ -60,12 +52,10 @@ def written(recording: Recording) -> Recording:
 
 
 @pytest.mark.few(10)
-@pytest.mark.parametrize(("make", "form"), FORMS)
-def test_a_file_is_told_as_messages_in_memory(make: Tampering, form: str) -> None:
+@pytest.mark.parametrize("make", SOME)
+def test_a_file_is_told_as_messages_in_memory(make: Tampering) -> None:
     """Every tampering: the same checks fail, with the same words, and the numbers are the same."""
     recording = with_fields(make(), problems=())
-    if form == "single messages":
-        recording = singles(recording)
     assert len([*written(recording).blocks()]) > 1
     assert audit(written(recording)) == audit(recording)
 
@@ -143,13 +133,12 @@ def test_a_file_that_is_changed_while_it_is_read_is_refused() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("as_batches", [False, True])
-def test_memory_does_not_grow_with_the_messages(as_batches: bool) -> None:
+def test_memory_does_not_grow_with_the_messages() -> None:
     """A part more takes less than 100 bytes more, those of the moves and of the certificate."""
     peaks = []
     for parts in (4_000, 16_000):
         path = new_path()
-        write(path, scene_from_spec("agv:graph=grid6x6,n=20"), parts, batched=as_batches)
+        write(path, scene_from_spec("agv:graph=grid6x6,n=20"), parts)
         recording = read_recording(path)
         assert audit(recording).ok  # what is loaded once is no part of it
         tracemalloc.start()

@@ -9,16 +9,19 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cubepath.agents.environments.playing import play
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.viewing.pages import run_page
 from cubepath.coordinator.viewing.shown import Shown
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_pages import KINDS, Open, Watched, until, watched
+from watched_pages import KINDS, Open, Watched, pivoting_squares, until, watched
 
 pytestmark = pytest.mark.browser
 
@@ -117,6 +120,29 @@ def test_positions_are_those_of_the_run(spec: str, tmp_path: Path, opened: Open)
     assert page.evaluate(drawn)[0] != start[0]
 
 
+def test_a_square_that_pivots_is_never_where_another_is(tmp_path: Path, opened: Open) -> None:
+    """On its way it is a whole cell away from those that stay, which it would slide through."""
+    scene = pivoting_squares()
+    played = play(scene, "random", seed=5, max_rounds=12)
+    run_page(Shown(scene, played.steps, played.steps), tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    least = page.evaluate(
+        """() => {
+          const { view } = cubepath, [stage] = view.stages;
+          let least = Infinity;
+          for (let t = 0; t < stage.path.steps; t += 1 / 16) {
+            cubepath.seek(t);
+            const [one, two, three] = [0, 1, 2].map((module) => stage.poseOf(module));
+            for (const [a, b] of [[one, two], [two, three], [one, three]]) {
+              least = Math.min(least, Math.hypot(a.x - b.x, a.y - b.y));
+            }
+          }
+          return least;
+        }"""
+    )
+    assert least > 0.99
+
+
 def test_the_keyboard_does_all(run: tuple[Path, Watched], opened: Open) -> None:
     """Space, arrows, Home and End, speed, loop, claims, the choice of a module, and Escape."""
     path, found = run
@@ -152,7 +178,66 @@ def test_the_keyboard_does_all(run: tuple[Path, Watched], opened: Open) -> None:
     assert settled(page).inner_text("#which") == "Module 2"
     assert found.sites[0][0][2] in settled(page).inner_text("#details")
     press("Escape")
-    assert settled(page).inner_text("#which") == "Step 0"
+    assert settled(page).inner_text("#which") == "Round 0, cube 0"
+
+
+def test_words_name_one_step_at_a_time(run: tuple[Path, Watched], opened: Open) -> None:
+    """While it plays the heading, the captions and the slider say the same rounds and cubes."""
+    page = opened(run[0])
+    page.evaluate("cubepath.view.clock.speed = 16")
+    page.keyboard.press(" ")
+    seen = page.evaluate(
+        """() => new Promise((done) => {
+          const found = [];
+          const texts = (query) => [...document.querySelectorAll(query)]
+            .map((each) => each.innerText);
+          const look = () => {
+            const slider = document.getElementById("time").getAttribute("aria-valuetext");
+            found.push([texts("#which"), texts(".where"), slider.split("; ")]);
+            if (cubepath.view.clock.way) requestAnimationFrame(look); else done(found);
+          };
+          requestAnimationFrame(look);
+        })"""
+    )
+    headings = set()
+    for (heading,), captions, slider in seen:
+        at = [each.partition(" of ")[0] for each in captions]
+        assert [each.partition(" of ")[0] for each in slider] == at
+        assert heading.lower() in {", ".join(at), *at}
+        headings.add(heading)
+    assert len(headings) > 3
+    # A page that joined a run late counts rounds as the run does.
+    page.evaluate("cubepath.view.paths[0].before = 40")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    assert settled(page).inner_text("#which") == "Round 41, cube 1"
+    assert "round 41 of" in page.inner_text(".where")
+
+
+def test_marks_stand_where_their_steps_begin(tmp_path: Path, opened: Open) -> None:
+    """On the axis of the slider, none over another; a click leads there."""
+    shown = watched("hex:n=5", tmp_path).shown
+    marks = ((3, "one"), (3, "another"), (len(shown.steps), "a long word about the end of it"))
+    run_page(replace(shown, marks=marks), tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    boxes = [each.bounding_box() for each in page.locator("#marks button").all()]
+    texts = page.locator("#marks button").all_inner_texts()
+    assert texts == [f"round {step}: {words}" for step, words in marks]
+    axis = page.locator("#chart").bounding_box()
+    lanes = page.evaluate(
+        "[cubepath.view.charts.schedule.lanes.x(2), cubepath.view.clock.steps - 1]"
+    )
+    assert boxes[0]["x"] == pytest.approx(axis["x"] + lanes[0], abs=1)
+    end = page.evaluate(f"cubepath.view.charts.schedule.lanes.x({lanes[1]})")
+    assert boxes[2]["x"] + boxes[2]["width"] == pytest.approx(axis["x"] + end, abs=1)
+    for one, other in combinations(boxes, 2):
+        aside = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
+        assert aside or abs(one["y"] - other["y"]) >= one["height"]
+    page.locator("#marks button").last.click()
+    assert position(page) == len(shown.steps)
+    assert marks[2][1] in settled(page).inner_text("#details")
+    page.select_option("select >> nth=0", "1")
+    assert not settled(page).is_visible("#marks")
 
 
 def test_a_part_is_repeated(run: tuple[Path, Watched], opened: Open) -> None:

@@ -6,11 +6,14 @@ import json
 import re
 import shutil
 from html.parser import HTMLParser
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
 
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.comparison.comparing import diff
+from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.viewing.pages import page_document, run_page
 from cubepath.protocol.core.errors import InputError
 from watched_pages import watched
@@ -112,6 +115,55 @@ def test_the_command_shows_two_recordings_side_by_side(
     assert "a page, expected --fps with a film (.gif) alone" in capsys.readouterr().err
     assert main(["view", str(log), "-o", str(page), "--dark"]) == 2
     assert "dark where its reader prefers that" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_page_marks_where_a_run_departs_and_where_two_differ(tmp_path: Path) -> None:
+    """A what-if at the first round of its rule; two runs at what `diff` finds first in them."""
+    parent, log, page = GOLDEN / "agv-6.mcap", tmp_path / "if.mcap", tmp_path / "if.html"
+    what_if(parent, "random", from_round=5, seed=7, max_rounds=9, processes=0, log=log)
+    assert main(["view", str(log), "-o", str(page)]) == 0
+    branch = [5, "what if random, seed 7"]
+    assert [path.get("marks") for path in page_document(page)["paths"]] == [[branch], None]
+    assert main(["view", str(parent), str(log), "-o", str(page)]) == 0
+    one, _, other, _ = page_document(page)["paths"]
+    found = diff(parent, log)
+    assert found.choice is not None
+    assert found.message is not None
+    assert found.move is not None
+    wanted: dict[tuple[int, int | None], set[str]] = {}
+    for kind, each in (("choice", found.choice), ("message", found.message), ("move", found.move)):
+        wanted.setdefault((each.round, each.module), set()).add(kind)
+    assert other["marks"] == [branch, *one["marks"]]
+    marked = {}
+    for step, words in one["marks"]:
+        what, _, module = words.removeprefix("first difference: ").partition(" of module ")
+        marked[step, int(module)] = set(re.findall(r"choice|message|move", what))
+    assert marked == wanted
+
+
+@pytest.mark.slow
+def test_a_page_of_moves_marks_the_first_that_differs(tmp_path: Path) -> None:
+    """By its step in each of two paths, and not at all where there is none."""
+    moves, page = tmp_path / "moves.jsonl", tmp_path / "run.html"
+    assert main(["convert", str(GOLDEN / "hex-5.mcap"), str(moves)]) == 0
+    lines = moves.read_text().splitlines(keepends=True)
+    (tmp_path / "fewer.jsonl").write_text("".join(lines[:-2]))
+    cubes = tmp_path / "cubes.jsonl"
+    assert main(["shorten", str(moves), "--system", "hex:n=5", "-o", str(cubes)]) == 0
+    for other in (tmp_path / "fewer.jsonl", cubes, moves):
+        inputs = [str(moves), str(other)]
+        assert main(["view", *inputs, "--system", "hex:n=5", "-o", str(page)]) == 0
+        paths = page_document(page)["paths"]
+        rows = [path["rows"] for path in (paths[0], paths[2])]
+        pairs = enumerate(zip_longest(*rows))
+        place = next((number for number, pair in pairs if pair[0] != pair[1]), None)
+        for path in (paths[0], paths[2]):
+            steps = [
+                n for n, end in enumerate(path["ends"], 1) if place is not None and end > place
+            ]
+            assert path.get("marks", []) == [[step, "first difference: move"] for step in steps[:1]]
+        assert (place is None) == (other == moves)
 
 
 def test_moves_cubes_and_plans_have_pages_too(

@@ -42,6 +42,45 @@ PUSH = Generator(
 )
 
 
+def turned(generator: Generator) -> Generator:
+    """Return a generator read backwards."""
+    motion = tuple((target, source) for source, target in generator.motion)
+    return replace(generator, before=generator.after, after=generator.before, motion=motion)
+
+
+def moved(generator: Generator, by: Cell) -> Generator:
+    """Return a generator that is listed elsewhere."""
+
+    def put(cells: tuple[Cell, ...]) -> tuple[Cell, ...]:
+        return tuple(SQUARES.shift(cell, by) for cell in cells)
+
+    def pairs(cells: tuple[tuple[Cell, Cell], ...]) -> tuple[tuple[Cell, Cell], ...]:
+        return tuple((SQUARES.shift(one, by), SQUARES.shift(other, by)) for one, other in cells)
+
+    return Generator(
+        generator.name,
+        put(generator.support),
+        put(generator.trace),
+        put(generator.before),
+        put(generator.after),
+        pairs(generator.motion),
+        put(generator.free),
+        pairs(generator.guards),
+    )
+
+
+@pytest.mark.parametrize("generator", [STEP, PUSH])
+@pytest.mark.parametrize("by", [(0, 0), (3, -2)])
+def test_equal_generators_are_reported(generator: Generator, by: Cell) -> None:
+    """By their names, wherever they are listed and in whatever direction; others are none."""
+    for again in (moved(generator, by), moved(turned(generator), by)):
+        other = replace(again, name="other")
+        why = f"^generator 'other' equals '{generator.name}', up to a translation: expected each"
+        with pytest.raises(InputError, match=why):
+            Catalogue(SQUARES, (STEP, PUSH, other))
+    Catalogue(SQUARES, (STEP, PUSH, replace(STEP, name="free", guards=())))
+
+
 @pytest.mark.parametrize(
     "site", [(0, 0), (0, 0, 0, 0), [0, 0, 1], (0, 0, True), (0, 0.0, 1), "abc"]
 )

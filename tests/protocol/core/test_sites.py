@@ -29,10 +29,20 @@ def test_lists_are_nested_so_deep_at_most() -> None:
             site_from_json(nested(depth))
 
 
-@pytest.mark.parametrize("value", [None, {}, [1, [None]], [{"a": 1}]])
-def test_what_names_no_place(value: Any) -> None:
-    """Null and objects, at any depth."""
-    with pytest.raises(InputError, match="a site is a JSON number, string or list"):
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [
+        (None, "null"),
+        ({}, "{}"),
+        ([1, [None]], "null"),
+        ([{"a": 1}], "{'a': 1}"),
+        (True, "true"),
+        ([1, [False]], "false"),
+    ],
+)
+def test_what_names_no_place(value: Any, found: str) -> None:
+    """Null, objects, and booleans, which Python takes for 0 and 1, at any depth."""
+    with pytest.raises(InputError, match=f"JSON number, string or list, found {found}$"):
         site_from_json(value)
 
 

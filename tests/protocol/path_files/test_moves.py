@@ -194,13 +194,20 @@ BAD: dict[str, tuple[str | None, list[str | dict[str, Any]], int, str]] = {
         None,
         [step(1, 1, 2), step(2, 2, True)],
         2,
-        "site true where another is 1: expected booleans or the numbers 0 and 1, not both",
+        "a site is a JSON number, string or list, found true",
     ),
     "1 and true, in lists": (
         None,
-        [step(1, ["a", [False]], 2), step(2, 2, ["a", [0]])],
+        [step(1, ["a", 1], 2), step(2, 2, ["a", True])],
         2,
-        'site ["a",[0]] where another is ["a",[false]]',
+        "found true",
+    ),
+    "false alone": (None, [step(1, ["a", [False]], 2)], 1, "found false"),
+    "true in the place of a generator": (
+        SYSTEM,
+        ['{"generator": "edge", "at": [0, true]}'],
+        1,
+        "found true",
     ),
     "nested too deeply": (
         None,
@@ -328,9 +335,9 @@ def test_after_a_move_without_states_its_trace_is_unknown(tmp_path: Path) -> Non
         read(written(tmp_path, step(1, 0, 1), blind, step(2, 0, 2)), SYSTEM)
 
 
-def test_booleans_alone_are_sites(tmp_path: Path) -> None:
-    """Any JSON scalar or list is a site; floats that are whole are the integers."""
-    path = written(tmp_path, step(1, True, False), step(2, False, [1.5, ["a", []]]))
+def test_numbers_texts_and_lists_are_sites(tmp_path: Path) -> None:
+    """A site is any of these; floats that are whole are the integers."""
+    path = written(tmp_path, step(1, "true", "b"), step(2, "b", [1.5, ["a", []]]))
     assert [move.name for move in read(path)] == [1, 2]
     assert len(read(written(tmp_path, step(1, 1, 2), step(2, 2.0, 1.0)))) == 2
 
@@ -450,13 +457,11 @@ def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) 
     assert list(read_cubes(cubes)) == [(GeneratorPlacement("edge", [0, 1]),)]
 
 
-def test_schemas_refuse_what_is_refused_and_name_definitions_as_ever() -> None:
-    """Further keys are refused in lines by generator alone; other programs know "Placed"."""
+def test_schemas_refuse_what_is_refused() -> None:
+    """Further keys are refused in lines by generator alone."""
     by_generator = move_schemas()["generator"]
     assert by_generator["title"] == "GeneratorLine"
     assert by_generator["additionalProperties"] is False
     definitions = cube_schema()["$defs"]
-    assert set(definitions) == {"Placed", "NumberedId"}
-    placed = definitions["Placed"]
-    assert placed["title"] == "Placed"
-    assert "additionalProperties" not in placed
+    assert set(definitions) == {"GeneratorPlacement", "NumberedId"}
+    assert "additionalProperties" not in definitions["GeneratorPlacement"]

@@ -201,6 +201,8 @@ def test_blocks_stand_once_and_in_their_order(written: bytes, tmp_path: Path) ->
         ("moves", b'[{"support":[1],"trace":[2],"before":[],"after":[]}]', "not in the support"),
         ("moves", b'[{"support":[1],"trace":[1],"before":[],"after":[1],"after":[1]}]', "twice"),
         ("sites", b"[null]", "a site is"),
+        ("sites", b"[1, [2, true]]", "found true"),
+        ("moves", b'[{"support":[1],"trace":[true],"before":[],"after":[1]}]', "found true"),
         ("variables", b"1234567", "expected 12 for each"),
         ("ladders", b'[[0,0,"up",[1,2]]]', "up"),
         ("groups", b'[["at most one",[-1]]]', ">= 0"),

@@ -100,7 +100,7 @@ BAD_LINES = {
     "about another": ("(0,0) -> (0,1) about (2,0)", "about [2,0]: no move of the system goes so"),
     "no arrow": ("(0,0) (0,1)", ":2: found '(0,0) (0,1)', expected '(0,0) -> (1,0)', maybe with"),
     "no site": ("(0,0) -> (0,", ":2: '(0,' is no site"),
-    "null": ("(0,0) -> null", ":2: a site is a JSON number, string or list, found None"),
+    "null": ("(0,0) -> null", ":2: a site is a JSON number, string or list, found null"),
 }
 
 

@@ -145,7 +145,7 @@ def test_filters_that_leave_nothing_out_between_them_make_the_recording() -> Non
     filter_recording(one, half, until=3)
     assert read_recording(half).parameters["filtered"] == "topics re*; until 3"
     merge_recordings([half, other], out)
-    assert read_recording(out).parameters["whole_messages"] == "630"
+    assert read_recording(out).parameters["whole_messages"] == str(len(whole.records))
     merge_recordings([out, one], again := new_path())
     assert list(read_recording(again).records) == list(whole.records)
     assert read_recording(again).parameters == whole.parameters
@@ -248,7 +248,7 @@ def test_other_runs_are_not_merged() -> None:
     [
         ({}, "expected one of parts, rounds"),
         ({"parts": 2, "rounds": 1}, "expected one of parts, rounds"),
-        ({"parts": 277}, "has 276 messages, expected at most so many parts, not 277"),
+        ({"parts": 9999}, "has 242 messages, expected at most so many parts, not 9999"),
         ({"size": 1000}, "has no room for scene, parameters and message"),
     ],
 )

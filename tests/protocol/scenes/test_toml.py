@@ -74,7 +74,7 @@ def test_goals_of_labelled_vehicles_are_vertices() -> None:
         ('[["dock", "dock"], ["lane"]]', r"goals\[0\]: 'dock' stands twice"),
         ('[["dock"], ["lane"], ["gate"]]', "2 modules, goals for 3 of them"),
         ('[[["dock", 0]], ["lane"]]', "no place, expected a place without a label"),
-        ('[["dock"], [true]]', r"goals\[1\]: True: the vertex is 1"),
+        ('[["dock"], [true]]', r"goals\[1\]: a site is a JSON .* found true"),
         ('[["dock"], ["gate"]]', r"goals\[1\]: \('gate', 1\) is no site of the goal"),
         ('[["lane"], ["dock"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock", "lane"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
@@ -95,8 +95,8 @@ def test_goals_of_labelled_vehicles_that_cannot_be(goals: str, message: str) -> 
     [
         ("[[0, 1]]", "[[[1, 0]]]", r"goals\[0\]: \(1, 0\): an obstacle or no place"),
         ("[[0, 1]]", "[[[2, 1], [2.5, 1]]]", r"\(2.5, 1\): a site of lattice squares is 2 integ"),
-        ("[[0, 1]]", "[[[2, 1], [true, 1]]]", r"\(True, 1\): a site of lattice squares is 2 int"),
-        ("[[true, 1]]", "[]", r"module starts at \(True, 1\): a site of lattice squares"),
+        ("[[0, 1]]", "[[[2, 1], [true, 1]]]", r"goals\[0\]: a site is .* found true"),
+        ("[[true, 1]]", "[]", r"start: a site is .* found true"),
         ('["here"]', "[]", "module starts at 'here': a site of lattice squares is 2 integers"),
         ("[[0, 2147483648]]", "[]", "is too far away, expected numbers to 1073741824"),
     ],
@@ -167,7 +167,7 @@ def test_goals_of_places_with_letters_may_leave_out_the_letter() -> None:
 
 def test_booleans_are_no_labels() -> None:
     """A label is a whole number: true is not 1."""
-    with pytest.raises(InputError, match=r"a site is \[vertex, label\] with label below 2"):
+    with pytest.raises(InputError, match=r"a site is a JSON .* found true"):
         scene(YARD.replace('["dock", 1]', '["dock", true]', 1), goals="[]")
 
 

@@ -7,14 +7,15 @@ again.
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import tempfile
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal, Self, TypeAlias
+
+import msgspec
 
 from cubepath.agents.free.orders import FreeOrders, OwnMove
 from cubepath.agents.keepers.orders import KeeperOrders
@@ -24,6 +25,7 @@ from cubepath.agents.processes.offspring import Ended, Offspring
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.output_files import unwritable, written_whole
 from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -42,7 +44,7 @@ _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.proces
 _END_S_MAX = 2.0
 """So long processes may take to end that were told to; killed they lose nothing either."""
 BIRTHS = "births"
-"""The file in the folder of logs that says how often it was used; whoever locks it has them all."""
+"""The file in the folder of logs that says which run began them, and the births of its last use."""
 _RESTARTS_MAX = 100
 """So often processes are started again in all; what dies at once would do so for ever."""
 
@@ -75,12 +77,13 @@ class FreeFleet:
         logs: Path | None = None,
         lock: IO[bytes] | None = None,
         way: Way = straight,
+        known: Callable[[int], int] = lambda _: 0,
     ) -> None:
         """Plan the fleet; the logs of keepers are kept in a folder `logs`, if one is named.
 
         What keepers have logged there before is taken up again. Each keeper holds the `lock` of
         that folder for as long as it lives. Keepers and module processes take
-        the `way` to the router.
+        the `way` to the router. A keeper starts only if its log has as many commits as are `known`.
         """
         for name, number in (("processes", processes), ("keepers", keepers)):
             if number < 1:
@@ -104,9 +107,11 @@ class FreeFleet:
         self._way = way
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
-        birth = first_birth(logs)
-        self._births = dict.fromkeys(range(len(self.modules_of)), birth)
-        self._births_of_keepers = dict.fromkeys(range(keepers), birth)
+        births = next_births(logs, self.run)
+        self._log_run = births.run
+        self._births = dict.fromkeys(range(len(self.modules_of)), births.birth)
+        self._births_of_keepers = dict.fromkeys(range(keepers), births.birth)
+        self._known = known
         self._restarts = 0
         self._router: Router | None = None
         self._offspring = Offspring()
@@ -166,7 +171,9 @@ class FreeFleet:
             keepers=self.keepers,
             modules_of=self.modules_of,
             scene=self._text,
-            log=str(self._folder / f"{name}.log"),
+            log=str(log_of(self._folder, keeper)),
+            log_run=self._log_run,
+            commits=self._known(keeper),
             birth=self._births_of_keepers[keeper],
             tell_reads=self._schedule is not None,
             credentials=credentials,
@@ -265,18 +272,55 @@ class FreeFleet:
                 shutil.rmtree(self._folder, ignore_errors=True)
 
 
-def first_birth(logs: Path | None) -> int:
-    """Return the first birth of processes whose keepers have these logs: later than all before.
+class Births(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a folder of logs says of itself: the run that began it, and its last first birth."""
 
-    How often the folder was used is kept in it.
+    run: str
+    birth: int
+
+
+def log_of(logs: Path, keeper: int) -> Path:
+    """Return the path of a keeper's log."""
+    return logs / f"{keeper_name(keeper)}.log"
+
+
+def read_births(logs: Path) -> Births | None:
+    """Return what a folder of logs says of itself, None if it has no logs yet.
+
+    InputError if it has logs and does not say it.
     """
+    path = logs / BIRTHS
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Births)
+    except FileNotFoundError:
+        if next(logs.glob("keeper_*.log"), None) is None:
+            return None
+        found = "not there"
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        found = str(error)
+    except OSError as error:
+        found = error.strerror or str(error)
+    raise InputError(f"{path}: {found}, expected the run and the birth of the logs beside it")
+
+
+def next_births(logs: Path | None, run: str) -> Births:
+    """Return which run began these logs, and a first birth for all processes: later than before.
+
+    It is in the folder when this returns, so it is not given again.
+    """
+    first = Births(run, 1)
     if logs is None:
-        return 1
-    counter = logs / BIRTHS
-    birth = 1
-    with contextlib.suppress(OSError, ValueError):
-        birth = int(counter.read_text()) + BIRTHS_OF_A_FLEET
-    with contextlib.suppress(OSError):
+        return first
+    before = read_births(logs)
+    births = first if before is None else _after(before)
+    try:
         logs.mkdir(parents=True, exist_ok=True)
-        counter.write_text(str(birth))
-    return birth
+    except OSError as error:
+        raise unwritable(logs, error) from None
+    with written_whole(logs / BIRTHS) as file:
+        file.write(msgspec.json.encode(births))
+    return births
+
+
+def _after(before: Births) -> Births:
+    return Births(before.run, before.birth + BIRTHS_OF_A_FLEET)

@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.keepers.attempts import planned, support_units
+    from cubepath.agents.keepers.attempts import chain_of, planned, support_units
     from cubepath.agents.keepers.journal import (
+        Acknowledged,
         Born,
         Committed,
         Decided,
         FileJournal,
         Journal,
         MemoryJournal,
+        Opened,
         Prepared,
         Record,
+        read_log,
     )
     from cubepath.agents.keepers.keeper import Keeper
     from cubepath.agents.keepers.node import TICK_S, KeeperNode
@@ -27,8 +30,9 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "attempts": "planned support_units",
-            "journal": "Born Committed Decided FileJournal Journal MemoryJournal Prepared Record",
+            "attempts": "chain_of planned support_units",
+            "journal": "Acknowledged Born Committed Decided FileJournal Journal MemoryJournal"
+            " Opened Prepared Record read_log",
             "keeper": "Keeper",
             "node": "KeeperNode TICK_S",
             "orders": "KeeperOrders",
@@ -37,6 +41,7 @@ else:
 
 __all__ = [
     "TICK_S",
+    "Acknowledged",
     "Born",
     "Committed",
     "Decided",
@@ -46,8 +51,11 @@ __all__ = [
     "KeeperNode",
     "KeeperOrders",
     "MemoryJournal",
+    "Opened",
     "Prepared",
     "Record",
+    "chain_of",
     "planned",
+    "read_log",
     "support_units",
 ]

@@ -103,8 +103,26 @@ def planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
     except NotAnAttempt:
         raise
     except NO_PLACE as error:
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        raise NotAnAttempt(f"attempt of module_{attempt.module}: {why}"[:200]) from None
+        raise _not_an_attempt(attempt, error) from None
+
+
+def chain_of(system: System, tiles: Tiles, attempt: Attempt) -> tuple[int, ...]:
+    """Return the keepers of an attempt in increasing order, of one that `planned` has checked.
+
+    NotAnAttempt if its places are not in the system.
+    """
+    place_of = _unit_place(system)
+    try:
+        places = [place_of(site_from_json(unit)) for unit, _ in attempt.sensed]
+        places += (site_from_json(place) for place, _, _ in attempt.notes)
+        return tuple(sorted({tiles.keeper_of(place) for place in places}))
+    except NO_PLACE as error:
+        raise _not_an_attempt(attempt, error) from None
+
+
+def _not_an_attempt(attempt: Attempt, error: Exception) -> NotAnAttempt:
+    why = " ".join(f"{type(error).__name__}: {error}".split())
+    return NotAnAttempt(f"attempt of module_{attempt.module}: {why}"[:200])
 
 
 def _planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:

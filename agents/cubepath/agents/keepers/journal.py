@@ -1,7 +1,9 @@
 """The log of a keeper: what it has logged before it answered, and what it comes back from.
 
-Room: agents. A record is one line: the CRC-32 of its JSON in hexadecimal, a blank, and the JSON. A
-last line that was cut off by a crash is no record, and nobody was answered for it.
+Room: agents. A record is one line: a checksum, the number of the record, from 1, and its JSON. The
+checksum is a CRC-32 that begins with the checksum of the record before, so each depends on all
+records before it. The first record says whose log it is, and so does each time that it is opened
+again. A last line that was cut off by a crash is no record, and nobody was answered for it.
 """
 
 from __future__ import annotations
@@ -9,9 +11,9 @@ from __future__ import annotations
 import os
 from abc import abstractmethod
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Protocol, Self, TypeAlias
+from typing import NamedTuple, Protocol, Self, TypeAlias
 from zlib import crc32
 
 import msgspec
@@ -55,9 +57,20 @@ class Acknowledged(msgspec.Struct, frozen=True, tag="acknowledged"):
     number: int
 
 
+class Opened(msgspec.Struct, frozen=True, tag="opened"):
+    """A keeper has opened its log, in one of its births."""
+
+    run: str
+    """The run that began the log: one that is taken up again has another name on the wire."""
+    keeper: int
+    birth: int
+
+
 Record: TypeAlias = Prepared | Decided | Committed | Born | Acknowledged
-_decoder: msgspec.json.Decoder[Record] = msgspec.json.Decoder(Record)
+_decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(Record | Opened)
 _encode = msgspec.json.Encoder().encode
+_PER_COMMIT = 3
+_DIGITS_MAX = 18
 
 
 class Journal(Protocol):
@@ -99,6 +112,66 @@ class MemoryJournal:
         return self._commits[serial - 1]
 
 
+class Line(NamedTuple):
+    """A record as it is in a file."""
+
+    record: Record | Opened
+    length: int
+    checksum: int
+
+
+def read_log(path: Path, lines: Iterable[bytes], run: str, keeper: int) -> Iterator[Line]:
+    """Yield the records of a keeper's log in this run, up to a last line that was cut off.
+
+    InputError if a line is not the next record of that log.
+    """
+    checksum = birth = 0
+    for number, text in enumerate(lines, 1):
+        if not text.endswith(b"\n"):  # cut off: whoever was to be answered was not
+            return
+        line = _line(path, number, text, checksum)
+        record, checksum = line.record, line.checksum
+        if isinstance(record, Opened):
+            if (record.run, record.keeper) != (run, keeper):
+                raise InputError(
+                    f"{path}: line {number} is of keeper_{record.keeper} in run {record.run!r},"
+                    f" expected keeper_{keeper} in run {run!r}"
+                )
+            if record.birth <= birth:
+                raise InputError(
+                    f"{path}: line {number} opens it in birth {record.birth}, expected one after"
+                    f" {birth}"
+                )
+            birth = record.birth
+        elif number == 1:
+            raise InputError(f"{path}: line 1 is a record, expected the keeper that opened the log")
+        yield line
+
+
+def _line(path: Path, number: int, text: bytes, before: int) -> Line:
+    """Return a whole line as the record of this number; InputError if it is not that."""
+    stored, _, numbered = text[:-1].partition(b" ")
+    told, _, body = numbered.partition(b" ")
+    if not told.isdigit() or len(told) > _DIGITS_MAX:
+        raise InputError(f"{path}: line {number} is damaged, expected a record")
+    if int(told) != number:
+        raise InputError(
+            f"{path}: line {number} has record {int(told)}, expected record {number}: records are"
+            " missing, doubled or not in their order"
+        )
+    checksum = crc32(numbered, before)
+    if stored != b"%08x" % checksum:
+        raise InputError(
+            f"{path}: line {number} lacks the checksum {checksum:08x} that was expected: it was"
+            " changed, or a record before it"
+        )
+    try:
+        record = _decoder.decode(body)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise InputError(f"{path}: line {number} is damaged, expected a record") from None
+    return Line(record, len(text), checksum)
+
+
 class FileJournal:
     """A journal in a file; what it says survives the end of the process, however that comes.
 
@@ -106,12 +179,17 @@ class FileJournal:
     the last records. A context manager that closes the file.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Open or create the file; InputError if that fails, or a record is damaged."""
+    def __init__(self, path: Path, opened: Opened, commits: int = 0) -> None:
+        """Open or create the file, for this keeper in this birth.
+
+        InputError if that fails, or it is not the log of this keeper, whole and in order, or has
+        fewer commits than are known. A last line that was cut off is removed.
+        """
         self.path = path
+        self._opened = opened
         self._commits = array("q")
-        """The offset of each commit, and its length."""
-        self._end = 0
+        """Of each commit the offset, the length, and the checksum of the record before."""
+        self._end = self._number = self._checksum = 0
         try:
             self._file = appended_file(path)
         except OSError as error:
@@ -119,21 +197,31 @@ class FileJournal:
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
         try:
-            self._scan()
-        except InputError:
+            self._take_up(commits)
+        except BaseException:
             self._file.close()
             raise
 
-    def _scan(self) -> None:
+    def _take_up(self, commits: int) -> None:
+        opened, birth = self._opened, 0
         self._file.seek(0)
-        for number, line in enumerate(self._file, 1):
-            if not line.endswith(b"\n"):  # cut off: whoever was to be answered was not
-                self._file.truncate(self._end)
-                break
-            record = _record(line)
-            if record is None:
-                raise InputError(f"{self.path}: line {number} is damaged, expected a record")
-            self._added(record, line)
+        for line in read_log(self.path, self._file, opened.run, opened.keeper):
+            self._added(line.record, line.length, line.checksum)
+            if isinstance(line.record, Opened):
+                birth = line.record.birth
+        if opened.birth <= birth:
+            raise InputError(
+                f"{self.path}: was opened in birth {birth}, expected one before birth"
+                f" {opened.birth}"
+            )
+        found = len(self._commits) // _PER_COMMIT
+        if found < commits:
+            raise InputError(
+                f"{self.path}: has {found} commits, expected the {commits} that were heard of: it"
+                " is older"
+            )
+        self._file.truncate(self._end)
+        self._write(opened)
 
     def __enter__(self) -> Self:
         """Return the journal."""
@@ -145,8 +233,12 @@ class FileJournal:
 
     def append(self, record: Record) -> None:
         """Add a record; CheckError if it cannot be written."""
-        text = _encode(record)
-        line = b"%08x %b\n" % (crc32(text), text)
+        self._write(record)
+
+    def _write(self, record: Record | Opened) -> None:
+        text = b"%d %b" % (self._number + 1, _encode(record))
+        checksum = crc32(text, self._checksum)
+        line = b"%08x %b\n" % (checksum, text)
         try:
             written = 0
             while written < len(line):
@@ -155,39 +247,34 @@ class FileJournal:
             raise CheckError(
                 f"{self.path}: the log of the keeper stopped: {error.strerror or error}"
             ) from None
-        self._added(record, line)
+        self._added(record, len(line), checksum)
 
-    def _added(self, record: Record, line: bytes) -> None:
+    def _added(self, record: Record | Opened, length: int, checksum: int) -> None:
         if isinstance(record, Committed):
-            self._commits.extend((self._end, len(line)))
-        self._end += len(line)
+            self._commits.extend((self._end, length, self._checksum))
+        self._end += length
+        self._number += 1
+        self._checksum = checksum
 
     def records(self) -> Iterator[Record]:
         """Yield all records, in their order."""
         with self.path.open("rb") as file:
-            for line in file:
-                record = _record(line)
-                if record is not None:
-                    yield record
+            for line in read_log(self.path, file, self._opened.run, self._opened.keeper):
+                if not isinstance(line.record, Opened):
+                    yield line.record
 
     def commit(self, serial: int) -> Moved:
         """Return the commit of this serial number, from 1."""
         # Not by a buffered file: it would not know where what was appended since lies.
-        offset, length = self._commits[2 * serial - 2 : 2 * serial]
-        record = _record(os.pread(self._file.fileno(), length, offset))
-        if not isinstance(record, Committed):
-            raise CheckError(f"{self.path}: commit {serial} was changed since it was written")
-        return _moved(record)
-
-
-def _record(line: bytes) -> Record | None:
-    crc, _, text = line.rstrip(b"\n").partition(b" ")
-    if not line.endswith(b"\n") or crc != b"%08x" % crc32(text):
-        return None
-    try:
-        return _decoder.decode(text)
-    except msgspec.DecodeError:
-        return None
+        begin = _PER_COMMIT * (serial - 1)
+        offset, length, before = self._commits[begin : begin + _PER_COMMIT]
+        line = os.pread(self._file.fileno(), length, offset)
+        stored, _, numbered = line[:-1].partition(b" ")
+        if stored == b"%08x" % crc32(numbered, before):
+            record = _decoder.decode(numbered.partition(b" ")[2])
+            if isinstance(record, Committed):
+                return _moved(record)
+        raise CheckError(f"{self.path}: commit {serial} was changed since it was written")
 
 
 def _moved(record: Committed) -> Moved:

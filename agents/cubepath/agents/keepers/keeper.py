@@ -33,8 +33,10 @@ from cubepath.agents.keepers.journal import (
     Decided,
     Journal,
     Prepared,
+    Record,
 )
 from cubepath.agents.keepers.units import Units, sites_in, start_of
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
@@ -732,19 +734,28 @@ class Keeper:
 
     def _come_back(self) -> None:
         for record in self._journal.records():
-            match record:
-                case Prepared(passed=passed):
-                    plan = planned(self._system, self._tiles, passed.attempt)
-                    self._prepare(_Pending(passed, plan, plan.shares[self.me]))
-                case Committed(passed=passed, decision=decision):
-                    plan = planned(self._system, self._tiles, passed.attempt)
-                    self._carry_out_commit(passed, decision, plan)
-                case Decided(decision=decision):
-                    self._decided_before(decision)
-                case Born(enter=enter):
-                    self._be_born(enter)
-                case Acknowledged():
-                    self._forget(record.keeper, (record.module, record.epoch, record.number))
+            try:
+                self._do_again(record)
+            except NO_PLACE as error:
+                raise InputError(
+                    f"{str(record)[:100]}... in the log of keeper_{self.me} cannot follow the"
+                    f" records before it ({type(error).__name__}), expected those of this run"
+                ) from None
+
+    def _do_again(self, record: Record) -> None:
+        match record:
+            case Prepared(passed=passed):
+                plan = planned(self._system, self._tiles, passed.attempt)
+                self._prepare(_Pending(passed, plan, plan.shares[self.me]))
+            case Committed(passed=passed, decision=decision):
+                plan = planned(self._system, self._tiles, passed.attempt)
+                self._carry_out_commit(passed, decision, plan)
+            case Decided(decision=decision):
+                self._decided_before(decision)
+            case Born(enter=enter):
+                self._be_born(enter)
+            case Acknowledged():
+                self._forget(record.keeper, (record.module, record.epoch, record.number))
 
     def _decided_before(self, decision: Decision) -> None:
         pending = self._prepared.get(decision.module)

@@ -22,7 +22,11 @@ class KeeperOrders(msgspec.Struct, frozen=True):
     scene: str
     log: str
     """The path of the keeper's log."""
+    log_run: str
+    """The run that began the log."""
     birth: int = 1
     """How often it has been started, from 1."""
+    commits: int = 0
+    """How many commits are known of it; its log has no fewer."""
     tell_reads: bool = False
     credentials: Credentials = GUEST

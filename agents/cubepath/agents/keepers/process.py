@@ -9,10 +9,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cubepath.agents.keepers.journal import FileJournal
+from cubepath.agents.keepers.journal import FileJournal, Opened
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.keepers.orders import KeeperOrders
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.child import serve
 from cubepath.protocol.wire.shell import Shell
@@ -23,8 +24,12 @@ def keep(orders: KeeperOrders) -> None:
     """Come back from the log if there is one, and serve until `Go` says "stop"."""
     scene = scene_from_toml(orders.scene, "the orders")
     tiles = Tiles(scene.system, orders.keepers)
-    with FileJournal(Path(orders.log)) as journal:
-        keeper = Keeper(orders.keeper, scene, tiles, journal, tell_reads=orders.tell_reads)
+    opened = Opened(orders.log_run, orders.keeper, orders.birth)
+    with FileJournal(Path(orders.log), opened, orders.commits) as journal:
+        try:
+            keeper = Keeper(orders.keeper, scene, tiles, journal, tell_reads=orders.tell_reads)
+        except InputError as error:
+            raise InputError(f"{orders.log}: {error}") from None
         node = KeeperNode(keeper, orders.run, orders.modules_of, orders.birth)
         with Shell(node, orders.endpoint, credentials=orders.credentials) as shell:
             shell.start()

@@ -6,6 +6,7 @@ Room: agents. The rule is loaded in processes of their own alone, never in the o
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -23,7 +24,7 @@ from cubepath.agents.locality.findings import (
     difference,
     told,
 )
-from cubepath.agents.locality.fork_server import ForkServer
+from cubepath.agents.locality.fork_server import PATIENCE_S, ForkServer
 from cubepath.agents.locality.plays import (
     Answer,
     Conditions,
@@ -37,7 +38,8 @@ from cubepath.agents.locality.plays import (
 from cubepath.agents.locality.scenes import all_scenes
 from cubepath.agents.locality.surroundings import Changes
 from cubepath.agents.rules.rule_files import is_in_file
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -48,6 +50,8 @@ _WATCHED = 6
 _HESITATE = 0.2
 _ROUNDS = 40
 _SEEDS = 1 << 31
+TIMEOUT_S = 600.0
+"""A check that takes longer ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +117,11 @@ class Stage:
     Tasks are played at the same time, as many as there are processors.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, timeout_s: float = TIMEOUT_S) -> None:
         """Start nothing yet; the hash seeds of the servers follow from the seed."""
         self._seed = seed
         self._folders = 0
+        self._deadline = time.monotonic() + timeout_s
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -138,9 +143,15 @@ class Stage:
         self._folders += 1
         folder = self._folder / str(self._folders)
         folder.mkdir()
-        return self._pool.submit(
-            self._servers[server].play, Task(rule, play, conditions, str(folder), clock)
-        )
+        task = Task(rule, play, conditions, str(folder), clock)
+        return self._pool.submit(self._play, self._servers[server], task)
+
+    def _play(self, server: ForkServer, task: Task) -> Answer:
+        left_s = self._deadline - time.monotonic()
+        found = server.play(task, min(PATIENCE_S, left_s)) if left_s > 0 else None
+        if found is None or (found.late and left_s < PATIENCE_S):
+            raise TimeoutError
+        return found
 
 
 class Checker:
@@ -164,9 +175,15 @@ class Checker:
         self._evidence = Evidence()
         self._specs: list[str] = []
         self._modules = self._choices = self._changes = 0
+        self._late = False
 
     def check(self, spec: str) -> None:
-        """Check the rule in a scene; InputError if it is not for it, or not to be found."""
+        """Check the rule in a scene; InputError if it is not for it, or not to be found.
+
+        Nothing is done after a play without an answer.
+        """
+        if self._late:
+            return
         scene = local_only(scene_from_spec(spec), "runs")
         whole = self._run(scene)
         run = self._submit(whole, _USUAL).result()
@@ -211,9 +228,10 @@ class Checker:
     def fitting(self, specs: Sequence[str]) -> list[str]:
         """Return the scenes that the rule is for; InputError if there is none, or no such rule."""
         found = self._submit(Fit(tuple(specs)), _USUAL).result()
-        wrong = found.unfit or found.broken
-        if wrong is not None:
-            raise InputError(wrong)
+        if found.unfit is not None:
+            raise InputError(found.unfit)
+        if found.broken is not None:
+            raise InputError(f"rule {self._shown!r}: {found.broken}")
         if not found.specs:
             raise InputError(f"rule {self._shown!r}: for no system with runs, expected one or more")
         return list(found.specs)
@@ -267,6 +285,7 @@ class Checker:
         """Keep what a play shows by itself; return whether it came to an end."""
         self._evidence.accesses |= answer.accesses
         self._evidence.changed |= set(answer.changed)
+        self._late = self._late or answer.late
         broken = answer.broken or answer.unfit
         if broken is not None:
             self._evidence.add("fails", f"{spec}, {how}: {broken}")
@@ -306,13 +325,15 @@ def check_rule(
     *,
     seed: int = 0,
     clock: str = "lockstep",
+    timeout_s: float = TIMEOUT_S,
     progress: Callable[[], object] = lambda: None,
 ) -> Checked:
     """Return what is found of a rule, a name or FILE.py:NAME, in scenes under a clock.
 
     By default these are a small and a larger scene of each family that it is for. `progress` is
     called for each play. The answer follows from the rule, the scenes and the seed; InputError if
-    there is no such rule, or it is for none of the scenes.
+    there is no such rule, or it is for none of the scenes. A rule that gives no answer for a minute
+    is a finding; CheckError if all takes longer than `timeout_s` and nothing was found by then.
 
     >>> found = check_rule("random", ["agv:graph=P3,n=1"])
     >>> found.systems, found.findings
@@ -320,11 +341,19 @@ def check_rule(
     """
     if clock not in PERIOD:
         raise InputError(f"clock={clock!r}: expected one of {', '.join(PERIOD)}")
-    with Stage(seed) as stage:
+    timeout_s = seconds("timeout_s", timeout_s)
+    with Stage(seed, timeout_s) as stage:
         checker = Checker(stage, rule, seed=seed, progress=progress, clock=clock)
-        if systems is None:
-            checker.check_all(checker.fitting(all_scenes()))
-        else:
-            for spec in systems:
-                checker.check(spec)
+        try:
+            if systems is None:
+                checker.check_all(checker.fitting(all_scenes()))
+            else:
+                for spec in systems:
+                    checker.check(spec)
+        except TimeoutError:
+            if checker.checked().ok:
+                raise CheckError(
+                    f"rule {rule!r}: not checked within {timeout_s:g} s, expected one that answers"
+                    " sooner, or a longer timeout"
+                ) from None
         return checker.checked()

@@ -56,7 +56,7 @@ class ForkServer:
             os.killpg(self._server.pid, signal.SIGKILL)  # with all that it has forked
         self._server.wait()
 
-    def play(self, task: Task) -> Answer:
+    def play(self, task: Task, patience_s: float = PATIENCE_S) -> Answer:
         """Return what comes of a task in a process of its own; threads may call it."""
         ours, theirs = socket.socketpair()
         with ours:
@@ -64,9 +64,9 @@ class ForkServer:
                 socket.send_fds(self._ours, [b"1"], [theirs.fileno()])
             try:
                 ours.sendall(_framed(pickle.dumps(task)))
-                data = _received(ours, time.monotonic() + PATIENCE_S)
+                data = _received(ours, time.monotonic() + patience_s)
             except TimeoutError:
-                return Answer(broken=f"gave no answer for {PATIENCE_S:.0f} s")
+                return Answer(broken=f"gave no answer for {patience_s:.0f} s", late=True)
             except (EOFError, OSError):
                 return Answer(broken="ended its process")
         found = pickle.loads(data)  # noqa: S301 - from our own process

@@ -157,7 +157,7 @@ class Answer:
     `sites` are where modules were before each round of a whole run, or each turn. `changed` names
     what the rule's file holds that is not as it was before the rules were made. `specs` are the
     scenes that it is for. `unfit` says why it is not for the scene, `broken` how the play itself
-    came to an end.
+    came to an end; it is `late` if the rule gave no answer.
     """
 
     lives: dict[int, Life] = field(default_factory=dict)
@@ -167,3 +167,4 @@ class Answer:
     specs: tuple[str, ...] = ()
     unfit: str | None = None
     broken: str | None = None
+    late: bool = False

@@ -31,13 +31,14 @@ from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.processes.roster import ASK_S
 from cubepath.agents.rules.rule_files import permitted_rule
-from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.router import check_secure
 from cubepath.protocol.wire.sessions import (
     check_descriptors,
     check_endpoint,
+    is_reachable,
     open_client,
     subscribe,
 )
@@ -45,6 +46,8 @@ from cubepath.protocol.wire.shell import Shell
 
 _POLL_S = 0.1
 _STEP_S = 0.5
+_TAKE_S = 1.5
+"""An address is given so long to take a connection; a run may just be about to listen there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +84,13 @@ class Joining:
 def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Orders:
     """Join a run and serve until it ends; return the orders that it gave.
 
-    InputError if the run refuses the process, CheckError if there is no run, or if it ends without
-    a word. `say` is told in a line what is going on.
+    InputError if the run refuses the process. CheckError if nothing answers at the address, soon;
+    if there is no run, or if it ends without a word. `say` is told in a line what is going on.
     """
     joining.check()
     check_descriptors()
     deadline = time.monotonic() + joining.patience_s
-    with _connected(joining, say) as session:
+    with _connected(joining) as session:
         run = _run_that_waits(session, joining, deadline)
         coordinator = alive_key(run, COORDINATOR)
         liveness = Liveness(session, coordinator, coordinator)
@@ -112,17 +115,11 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
     return orders
 
 
-def _connected(joining: Joining, say: Callable[[str], None]) -> zenoh.Session:
-    """Open a session; the router may come later, but that it is missing is reported soon."""
-    soon_s = min(ASK_S, joining.patience_s)
-    try:
-        return open_client(joining.connect, soon_s, credentials=joining.credentials)
-    except CubepathError as error:
-        left_s = joining.patience_s - soon_s
-        if isinstance(error, InputError) or left_s <= 0.0:
-            raise
-        say(f"{error}; trying for {left_s:g} s more")
-        return open_client(joining.connect, left_s, credentials=joining.credentials)
+def _connected(joining: Joining) -> zenoh.Session:
+    """Open a session; patience is for a router that is there, and may stand still."""
+    if not is_reachable(joining.connect, min(_TAKE_S, joining.patience_s)):
+        raise CheckError(f"no zenoh router at {joining.connect}: nobody answers")
+    return open_client(joining.connect, joining.patience_s, credentials=joining.credentials)
 
 
 def _run_that_waits(session: zenoh.Session, joining: Joining, deadline: float) -> str:

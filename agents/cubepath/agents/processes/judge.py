@@ -33,7 +33,6 @@ from cubepath.protocol.wire.messages import (
     Part,
     Ready,
     Reason,
-    Report,
     Reports,
     Reset,
     Said,
@@ -191,8 +190,6 @@ class Judge:
                 )
             if part.round != message.round:
                 refuse("out of place", f"{kind_of(part)} of round {part.round} in {message.round}")
-            if isinstance(part, Report) and not isinstance(part.heard, dict):
-                refuse("malformed", f"report of module_{part.module} in format 1")
             if isinstance(part, Act) and part.note:
                 self._check_note(f"action for module_{part.module}", part.note)
         if sorted(modules) != self._modules_of[message.process]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot
-from cubepath.agents.rendering.style import Body, Layer, Moving
+from cubepath.agents.rendering.style import Body, Layer, Moving, Pivot
 from cubepath.agents.rendering.styles import style_of
 from cubepath.agents.rendering.themes import (
     GHOST,
@@ -166,9 +166,10 @@ class Still:
         """Return how a module looks at a site."""
         return self._moving.body(self._scene, site)
 
-    def corner(self, action: Action, source: Site, target: Site) -> Spot | None:
-        """Return the point about which a module turns in an action, None if it goes straight."""
-        return self._moving.corner(action, source, target)
+    def pivot(self, action: Action, source: Site, target: Site) -> Pivot | None:
+        """Return how a module turns in an action, None if it goes straight."""
+        place_of = self._scene.system.place_of
+        return self._moving.pivot(action, place_of(source), place_of(target))
 
 
 def still(scene: Scene, visited: Iterable[Site] = ()) -> Still:

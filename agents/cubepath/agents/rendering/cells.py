@@ -6,8 +6,9 @@ cells that are no places are walls.
 
 from __future__ import annotations
 
+from cmath import phase
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from math import ceil, floor, pi, sqrt
 
@@ -32,7 +33,7 @@ from cubepath.agents.rendering.places import (
     place_pen,
     square_solid,
 )
-from cubepath.agents.rendering.style import Moving, Style
+from cubepath.agents.rendering.style import Moving, Pivot, Style
 from cubepath.agents.rendering.themes import LINE, TILE, WALL
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
@@ -149,27 +150,65 @@ def _before(pen: Pen, scene: Scene, *, look: Look) -> None:
     draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
 
 
-def _pivot(action: Action, source: Site, target: Site) -> Spot | None:
-    """Return the corner that two hexagons share with the one module that the move needs beside it.
+def _hexagon_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
+    """Return how a hexagon turns about a corner of the one module that the move needs beside it.
 
     Two neighbouring hexagons have two common neighbours. If just one of them is on throughout the
     action, the module rolls along it: it turns about the corner where the three meet.
     """
-    if not (isinstance(source, tuple) and isinstance(target, tuple) and source != target):
-        return None
     beside = _neighbours(source) & _neighbours(target)
-    if target not in _neighbours(source):
+    still = [cell for cell in beside if _stays_on(action, cell)]
+    if target not in _neighbours(source) or len(still) != 1:
         return None
-    still = [cell for cell in beside if cell in action.ends[0] and cell in action.ends[1]]
-    if len(still) != 1:
-        return None
-    spots = np.array([_HEXAGON_ROWS.spot(cell) for cell in (source, target, still[0])])
-    x, y = spots.mean(axis=0).tolist()
-    return x, y
+    one, other, third = (complex(*_HEXAGON_ROWS.spot(cell)) for cell in (source, target, still[0]))
+    about = (one + other + third) / 3
+    return _turned(about, phase((other - about) / (one - about)))
 
 
-def _straight(_action: Action, _source: Site, _target: Site) -> None:
-    """Squares slide, and vehicles drive."""
+def _square_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
+    """Return how a square turns about a corner of a module that the move needs beside it.
+
+    One that comes to a cell diagonally across turns by half, around the one module that stays on
+    beside both cells. One that comes to the next cell turns by a quarter, along two modules that
+    stay on at one side, if the move needs the two cells at the other side free, which it sweeps;
+    otherwise it slides.
+    """
+    one, other = complex(*cell_of(source)), complex(*cell_of(target))
+    way, middle = other - one, (one + other) / 2
+    if abs(way.real) == abs(way.imag) == 1:
+        sides = [complex(one.real, other.imag), complex(other.real, one.imag)]
+        still = [_stays_on(action, _cell_at(side)) for side in sides]
+        if still[0] == still[1]:
+            return None
+        free = sides[still[0]]
+        return _turned(middle, 2 * phase((free - middle) / (one - middle)))
+    if abs(way) != 1:
+        return None
+    for aside in (1j * way, -1j * way):
+        along, across = ([_cell_at(each + to) for each in (one, other)] for to in (aside, -aside))
+        if all(_stays_on(action, cell) for cell in along) and all(
+            _stays_off(action, cell) for cell in across
+        ):
+            about = middle + aside / 2
+            return _turned(about, phase((other - about) / (one - about)))
+    return None
+
+
+def _turned(about: complex, angle: float) -> Pivot:
+    return Pivot((about.real, about.imag), angle)
+
+
+def _cell_at(spot: complex) -> Site:
+    return round(spot.real), round(spot.imag)
+
+
+def _stays_on(action: Action, cell: Site) -> bool:
+    return cell in action.ends[0] and cell in action.ends[1]
+
+
+def _stays_off(action: Action, cell: Site) -> bool:
+    on = action.ends[0] | action.ends[1] | action.free
+    return cell in action.support and cell not in on
 
 
 def _neighbours(cell: Site) -> frozenset[Site]:
@@ -229,19 +268,21 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
 
 
 def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
+    moving = Moving(
+        behind=partial(_behind, look=look, rows=rows, on_map=on_map),
+        before=partial(_before, look=look),
+        body=partial(place_body, look),
+        outline=look.outline("module", None),
+    )
+    if not on_map:  # vehicles drive
+        moving = replace(moving, pivot=_hexagon_pivot if hexagons else _square_pivot)
     return Style(
         text=partial(_text, hexagons=hexagons, on_map=on_map),
         frame=partial(frame_of, look),
         extent=partial(extent_of, look),
         draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
         marks=partial(_marks, rows=rows, on_map=on_map),
-        moving=Moving(
-            behind=partial(_behind, look=look, rows=rows, on_map=on_map),
-            before=partial(_before, look=look),
-            body=partial(place_body, look),
-            outline=look.outline("module", None),
-            corner=_pivot if hexagons else _straight,
-        ),
+        moving=moving,
         solid=partial(disc_solid if on_map else hexagon_solid if hexagons else square_solid, look),
     )
 

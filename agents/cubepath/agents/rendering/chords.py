@@ -12,7 +12,7 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs
 from cubepath.agents.rendering.solids import Solid, bar
 from cubepath.agents.rendering.style import Body, Moving, Style, readable
 from cubepath.agents.rendering.themes import GHOST, INK, PALE_GOAL, WALL
@@ -108,7 +108,7 @@ def _draw(
     def line(chord: Site) -> Points:
         return _line(spots, chord)
 
-    colours = palette(len(sites))
+    colours = pen.palette(len(sites))
     hues = [colours[number] for number in moved]
     thick = _thickness(pen)
     for number, hue in zip(moved, hues, strict=True):

@@ -69,7 +69,7 @@ def _draw(
     edges = place_pen(pen, scene.system, _LOOK)
     _behind(pen, scene)
     arms = segments(sites, moved)
-    colours = palette(len(sites))
+    colours = pen.palette(len(sites))
     own = [colours[number] for number in arms.numbers]
     draw_modules(edges, arms.moved, arms.sites, own, ways=False)
     pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")

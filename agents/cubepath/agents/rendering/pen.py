@@ -46,9 +46,14 @@ def palette(count: int) -> list[Colour]:
 @lru_cache
 def _colour(hue: int, shade: int) -> Colour:
     """Return a hue, unmixed, mixed with white or mixed with black."""
-    red, green, blue = (part / 255 for part in bytes.fromhex(_HUES[hue][1:]))
+    red, green, blue = _parts_of(_HUES[hue])
     kept, added = ((1.0, 0.0), (0.6, 0.4), (0.62, 0.0))[shade]
     return kept * red + added, kept * green + added, kept * blue + added
+
+
+def _parts_of(colour: str) -> Colour:
+    red, green, blue = (part / 255 for part in bytes.fromhex(colour[1:]))
+    return red, green, blue
 
 
 class Canvas(Protocol):
@@ -90,6 +95,11 @@ class Pen:
         """Draw lines between points."""
         if len(lines):
             self.canvas.strokes(lines, **self.theme.style(style))
+
+    def palette(self, count: int) -> list[Colour]:
+        """Return a colour for each module by number."""
+        one = self.theme.modules
+        return palette(count) if one is None else [_parts_of(one)] * count
 
     def discs(self, points: Iterable[Spot], radius: float, **style: Any) -> None:
         """Draw discs with a dark outline around these points, such as the joints of an arm."""

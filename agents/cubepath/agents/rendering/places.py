@@ -117,12 +117,12 @@ def draw_places(
 ) -> None:
     """Draw the modules, the goal and, if there is room, labels or numbers on the modules."""
     system = scene.system
-    colours = palette(len(sites))
+    colours = pen.palette(len(sites))
     left = {number: system.place_of(site) for number, site in moved.items()}
     places = [system.place_of(site) for site in sites]
     draw_modules(pen, left, places, colours, ways=True)
     draw_goals(pen, scene, sites)
-    if readable(pen, words):
+    if readable(pen, words) and pen.theme.modules is None:
         for number, site in enumerate(sites):
             label = system.label_of(site)
             word = str(number if label is None else label)

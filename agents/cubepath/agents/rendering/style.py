@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, palette
@@ -45,15 +45,21 @@ class Body:
     word: str | None = None
 
 
+class Pivot(NamedTuple):
+    """How a module turns: about a point, by an angle in radians, counter-clockwise."""
+
+    about: Spot
+    turn: float
+
+
 @dataclass(frozen=True, slots=True)
 class Moving:
     """The parts of a style from which pictures that move are drawn.
 
     `behind` draws what lies below the modules and never changes, `before` what lies above them.
     `body` says how a module looks at a site. `outline` is that of every cell, shape (corners, 2);
-    bars are `thick`, in cells, with or without `joints` at their ends. `corner` returns the point
-    about which a module turns that an action takes from one site to another, None if it goes
-    straight.
+    bars are `thick`, in cells, with or without `joints` at their ends. `pivot` returns how a module
+    turns that an action takes from one site to another, None if it goes straight.
     """
 
     behind: Layer
@@ -62,7 +68,7 @@ class Moving:
     outline: Points | None = None
     thick: float = 0.0
     joints: bool = False
-    corner: Callable[[Action, Site, Site], Spot | None] = lambda *_: None
+    pivot: Callable[[Action, Site, Site], Pivot | None] = lambda *_: None
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,8 @@ class Theme:
     instead: Mapping[str, str]
     rim: str
     """The thin outline of every module."""
+    modules: str | None = None
+    """``#rrggbb`` for all modules, which have no numbers then; None if each has its own."""
 
     def of(self, colour: str) -> str:
         """Return the colour that stands for one of those for white paper; others stay."""

@@ -12,7 +12,14 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
-    from cubepath.agents.rules.asked import check_seeds, own_rule, scene_and_rule
+    from cubepath.agents.rules.asked import (
+        check_seeds,
+        fitting_rules,
+        misfit,
+        own_rule,
+        rule_for,
+        scene_and_rule,
+    )
     from cubepath.agents.rules.attempting import attempt_of
     from cubepath.agents.rules.network import (
         ACTIVATIONS,
@@ -35,15 +42,16 @@ if TYPE_CHECKING:
         find_rule,
         rule_named,
         rules,
-        rules_for,
         unknown_rule,
     )
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import (
         RULE_MODULE,
+        check_rule_file,
         forget_rule_files,
         is_in_file,
         permitted_rule,
+        stands_for,
     )
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
@@ -61,14 +69,16 @@ else:
         __name__,
         {
             "actor": "Actor actors_for",
-            "asked": "check_seeds own_rule scene_and_rule",
+            "asked": "check_seeds fitting_rules misfit own_rule rule_for scene_and_rule",
             "attempting": "attempt_of",
             "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
             "recorded": "RECORDED Recorded RecordedChoice as_recorded",
-            "registry": "CLOCKS BUILT_IN find_rule rule_named rules rules_for unknown_rule",
+            "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
-            "rule_files": "RULE_MODULE forget_rule_files is_in_file permitted_rule",
+            "rule_files": (
+                "RULE_MODULE check_rule_file forget_rule_files is_in_file permitted_rule stands_for"
+            ),
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
             "vector_actors": "VectorActors vector_actors_for",
@@ -107,22 +117,26 @@ __all__ = [
     "actors_for",
     "as_recorded",
     "attempt_of",
+    "check_rule_file",
     "check_seeds",
     "draw_below",
     "draw_fraction",
     "find_rule",
+    "fitting_rules",
     "forget_rule_files",
     "is_in_file",
+    "misfit",
     "network_rule",
     "own_rule",
     "permitted_rule",
     "policy_rule",
     "read_network",
+    "rule_for",
     "rule_named",
     "rules",
-    "rules_for",
     "scene_and_rule",
     "scheduled",
+    "stands_for",
     "stream",
     "stream_at",
     "unknown_rule",

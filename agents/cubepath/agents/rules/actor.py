@@ -5,8 +5,7 @@ Room: agents. The same actor acts for a module in the environment and in a proce
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +46,7 @@ class Actor:
         self._clock = clock
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
-            with blamed_on(self._who):
+            with BlamedOn(self._who):
                 self._rule = rule.made(knowledge, clock)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
@@ -60,7 +59,7 @@ class Actor:
     def act(self, observation: Mapping[str, Array]) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
-        with blamed_on(self._who):
+        with BlamedOn(self._who):
             choice = as_choice(self._rule(view))
             if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
@@ -75,19 +74,28 @@ class Actor:
             return Choice(STAY if hesitates else choice.action, note, choice.failed)
         if hesitates:
             return Choice(failed=choice.failed)
+        if note is None and not exchanges:
+            return choice
         return replace(choice, note=note, exchanges=exchanges)
 
 
-@contextmanager
-def blamed_on(who: str) -> Generator[None]:
-    """Turn any error in a rule into one line that names the rule and its module."""
-    try:
-        yield
-    except InputError as error:
-        raise RuleError(f"{who}: {error}") from error
-    except (Exception, SystemExit) as error:
-        text = " ".join(str(error).split())
-        raise RuleError(f"{who}: {type(error).__name__}: {text}") from error
+class BlamedOn:
+    """Turns any error in a rule into one line that names the rule and its module."""
+
+    def __init__(self, who: str) -> None:
+        """Know who is to blame."""
+        self._who = who
+
+    def __enter__(self) -> None:
+        """Begin with the rule."""
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        """Raise RuleError for what the rule has raised."""
+        if isinstance(error, InputError):
+            raise RuleError(f"{self._who}: {error}") from error
+        if isinstance(error, (Exception, SystemExit)):
+            text = " ".join(str(error).split())
+            raise RuleError(f"{self._who}: {type(error).__name__}: {text}") from error
 
 
 def actors_for(

@@ -50,12 +50,26 @@ def permitted_rule(named: str, given: Collection[str] = ()) -> str:
     if not is_in_file(named):
         return named
     for own in given:
-        if _without_folder(own) == _without_folder(named):
+        if stands_for(own, named):
             return own
     raise InputError(
         f"rule {named!r} is in a file, which does not run because an input names it, expected also"
         " --rule FILE.py:NAME"
     )
+
+
+def stands_for(given: str, named: str) -> bool:
+    """Return whether a rule that you give, FILE.py:NAME, is the one that an input names."""
+    return is_in_file(named) and _without_folder(given) == _without_folder(named)
+
+
+def check_rule_file(name: str) -> None:
+    """Raise InputError unless a name is of the form FILE.py:NAME and that file is there."""
+    file = Path(name.rpartition(":")[0])
+    if not is_in_file(name):
+        raise InputError(f"rule {name!r}: expected FILE.py:NAME of a rule in a file")
+    if not file.is_file():
+        raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule")
 
 
 def _without_folder(name: str) -> tuple[str, str]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.local.observation import SILENT, STAY, observation_length
-from cubepath.agents.rules.actor import blamed_on
+from cubepath.agents.rules.actor import BlamedOn
 from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.streams import HESITATE, RULE
@@ -53,7 +53,7 @@ def vector_actors_for(
     )
     who = f"rule {rule.name!r}, vectorised"
     try:
-        with blamed_on(who):
+        with BlamedOn(who):
             made = rule.vectorised(knowledge)
     except RuleError as error:
         if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
@@ -141,7 +141,7 @@ class VectorActors:
         # Of one memory layout, and writable: for another everything would be compiled once more.
         seen = Seen(*[np.require(array, requirements=["C", "W"]) for array in given[:4]])
         actions = np.full(out.shape, STAY, np.int32)
-        with blamed_on(self._who):
+        with BlamedOn(self._who):
             gave_up = sorted(self._rule(seen, Chosen(actions, self.notes)), reverse=True)
         # By environment the first module, which comes last.
         self.failed = {e: f"module_{module}: {' '.join(why.split())}" for e, module, why in gave_up}

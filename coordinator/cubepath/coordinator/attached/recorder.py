@@ -29,6 +29,7 @@ from cubepath.coordinator.attached.topics import Topics
 from cubepath.coordinator.attached.turns import Item, Turns
 from cubepath.coordinator.attached.window import Kept, Window
 from cubepath.coordinator.runs.about import About, about_key, find_run
+from cubepath.coordinator.runs.plan import name_part
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.plurals import counted
@@ -446,6 +447,6 @@ def _processes(about: About) -> int:
 
 
 def _new_name(about: About) -> Path:
-    family = about.parameters.get("family", "run")
+    family = name_part(about.parameters.get("family", "")) or "run"
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     return Path("logs") / f"{family}-attached-{now}.mcap"

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.auditing.recording import audit
+    from cubepath.coordinator.auditing.recording import audit, unused_rules
 else:
-    __getattr__, __dir__ = lazy_face(__name__, {"recording": "audit"})
+    __getattr__, __dir__ = lazy_face(__name__, {"recording": "audit unused_rules"})
 
-__all__ = ["audit"]
+__all__ = ["audit", "unused_rules"]

@@ -42,7 +42,7 @@ class Playing:
         Of rules in files those of `files`, each FILE.py:NAME, are asked.
         """
         self._given = files
-        self._foreign: dict[str, list[int]] = {}
+        self._foreign: dict[str, set[int]] = {}
         scene, parameters = recording.scene, recording.parameters
         self._scene = scene
         self._system = scene.system
@@ -173,10 +173,10 @@ class Playing:
     def round(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
         """Ask the rules in a round, and call `fail` for each choice that is another on record."""
         self._take_stages(moment)
-        for module in sorted(transcript.own_rules.keys() & self._actors.keys()):
-            del self._actors[module]
-            rule = transcript.own_rules[module]
-            self._foreign.setdefault(rule, []).append(module)
+        if self._parts is None:
+            for module, rule in transcript.own_rules.items():
+                self._actors.pop(module, None)
+                self._foreign.setdefault(rule, set()).add(module)
         over = transcript.schedule_over
         if self._parts is not None and over is not None and moment.round > over:
             self._take_over(moment)

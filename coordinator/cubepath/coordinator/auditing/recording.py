@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from cubepath.agents.rules.rule_files import stands_for
 from cubepath.coordinator.auditing.free_playing import FreePlaying
 from cubepath.coordinator.auditing.playing import Playing
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.stages import stages_in
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.recording import Recording, recording_of
 
@@ -39,3 +41,15 @@ def audit(
         player=lambda: Playing(found, rules),
         free_player=lambda: FreePlaying(found, rules),
     )
+
+
+def unused_rules(recording: Recording, rules: Collection[str]) -> set[str]:
+    """Return those of the rules, each FILE.py:NAME, that the recording does not name.
+
+    >>> unused_rules(read_recording("logs/golden/hex-5.mcap"), ["mine.py:MINE"])
+    {'mine.py:MINE'}
+    """
+    told = recording.parameters
+    named = {told.get("rule", ""), told.get("repair", "")}
+    named.update(*(stage.rules for stage in stages_in(recording)))
+    return {each for each in rules if not any(stands_for(each, name) for name in named)}

@@ -37,8 +37,8 @@ _WHAT_IF = ("modules", "seed", "max_rounds")
 _LIVE = ("listen", "connect", "secure", "wait_for")
 _BOTH = ("rule", "processes", "patience", "output")
 _PLAYER = (
-    *("rate", "real_time", "until", "loop", "start_paused", "delay", "wait_for_subscribers"),
-    *("wait_time", "topics", "exclude", "remap", "run", "endpoint"),
+    *("rate", "real_time", "max_gap", "until", "loop", "start_paused", "delay"),
+    *("wait_for_subscribers", "wait_time", "topics", "exclude", "remap", "run", "endpoint"),
 )
 """Options of the player, which plays a recording as it is."""
 

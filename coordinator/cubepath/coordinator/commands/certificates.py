@@ -27,7 +27,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.input_files import InputFile, Source, file_within, opened
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -220,7 +220,7 @@ def _verify_certificate(
     proof: Source = file
     cubes: Source | None = cubes_file
     if source.suffix == ".jsonl":
-        cubes, source = file, companion(source)
+        cubes, source = file, file_within(source.parent, companion(source).name)
         proof = source
     with progress_bar(None, "verify", " moves") as bar:
         certificate = read_certificate(proof)

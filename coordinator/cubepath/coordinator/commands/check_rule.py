@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, table
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.coordinator.commands.usage import AddCommand, number, whole
 from cubepath.protocol.core.control_characters import visible
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -41,6 +41,13 @@ def add_check_rule_command(command: AddCommand) -> None:
     check.add_argument(
         "--seed", type=whole(0), default=0, help="seed of the runs and of what is changed"
     )
+    check.add_argument(
+        "--timeout",
+        type=number("more than 0 seconds", lambda seconds: seconds > 0),
+        default=600.0,
+        metavar="SECONDS",
+        help="end a check that takes longer (default 600)",
+    )
 
 
 def _check_rule(options: argparse.Namespace) -> int:
@@ -53,6 +60,7 @@ def _check_rule(options: argparse.Namespace) -> int:
             options.systems or None,
             seed=options.seed,
             clock=options.clock,
+            timeout_s=options.timeout,
             progress=bar.update,
         )
     seconds = time.monotonic() - began

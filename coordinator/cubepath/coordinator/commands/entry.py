@@ -3,6 +3,7 @@
 Room: coordinator.
 """
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -12,7 +13,11 @@ _INTERRUPTED = 130
 
 
 def entry(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit code, also if it was interrupted before it began."""
+    """Run a command; return its exit code, also if it was interrupted before it began.
+
+    Its processes import nothing from the current folder, whatever is there.
+    """
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         with _Deferred():
             from cubepath.coordinator.commands.main import main  # noqa: PLC0415 - it takes time

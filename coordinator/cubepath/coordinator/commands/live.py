@@ -73,8 +73,9 @@ def watched(
     from cubepath.coordinator.live.watching import Live  # noqa: PLC0415 - only what is needed
 
     with Live(running, port=options.live, rate=options.rate, paused=options.paused) as page:
-        waits = "; the run waits until it is resumed there" if options.paused else ""
-        say(f"live at {page.address}{waits}")
+        # The address comes last: terminals take what follows it for a part of it.
+        waits = "paused until you resume it on its page, " if options.paused else ""
+        say(f"{waits}live at {page.address}")
         yield
 
 
@@ -109,8 +110,8 @@ def watch_elsewhere(options: argparse.Namespace) -> int:
     with watch_run(
         options.connect, options.run, port=options.port or 0, secure=options.secure
     ) as run:
-        late = f", from the end of round {run.begins} on" if run.begins else ""
-        complain(f"run {run.run} live at {run.address}{late}")
+        late = f" from the end of round {run.begins} on," if run.begins else ""
+        complain(f"run {run.run}{late} live at {run.address}")
         try:
             while not run.wait(_LOOK_S):
                 pass

@@ -237,17 +237,22 @@ def _systems(options: argparse.Namespace) -> int:
 
 
 def _rules(options: argparse.Namespace) -> int:
+    from cubepath.agents.rules.asked import misfit  # noqa: PLC0415
     from cubepath.agents.rules.registry import rules  # noqa: PLC0415
     from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
-    systems = {name: scene_from_spec(name).system for name in all_families()}
-    systems = {name: system for name, system in systems.items() if system.local}
+    scenes = {name: scene_from_spec(name) for name in all_families()}
+    scenes = {name: scene for name, scene in scenes.items() if scene.system.local}
     document: list[dict[str, object]] = []
     lines: list[str] = []
     for rule in rules().values():
         try:
-            fitting = [name for name, system in systems.items() if rule.is_for(system)]
+            fitting = [
+                name
+                for name, scene in scenes.items()
+                if rule.is_for(scene.system) and misfit(rule, scene) is None
+            ]
         except InputError as error:
             complain(str(error))
             continue

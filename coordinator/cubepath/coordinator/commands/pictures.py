@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import answer, complain
+from cubepath.coordinator.commands.console import DONE, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.live import (
     add_connect_options,
@@ -30,6 +31,7 @@ from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.runs.drawing import Sheet
+    from cubepath.protocol.core.system import Scene
 
 
 _NUMBERS = re.compile(
@@ -40,13 +42,16 @@ _NUMBERS_MAX = 1000
 
 def add_view_command(command: AddCommand) -> None:
     """Add the command and its options."""
-    view = command("view", _view, "draw a run or another path: some states, and its schedule")
+    view = command(
+        "view", _view, "draw a run or another path: some states, and its schedule; or a scene"
+    )
     view.add_argument(
         "input",
         type=input_path,
         nargs="?",
         metavar="INPUT",
-        help=f"{INPUT_HELP}; or cubes, or a certificate with --of",
+        help=f"{INPUT_HELP}; or cubes, or a certificate with --of; or a system such as hex:n=12 or"
+        " FILE.toml, of which start and goal are drawn",
     )
     view.add_argument(
         "other",
@@ -157,6 +162,11 @@ def _view(options: argparse.Namespace) -> int:
     check_no_connect_options(options)
     if options.input is None:
         raise InputError("the following arguments are required: INPUT, or --connect ENDPOINT")
+    scene = _scene_in(options.input)
+    return _view_path(options) if scene is None else _view_scene(options, scene)
+
+
+def _view_path(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415 - only what a command needs
         PICTURE_SUFFIXES,
         run_picture,
@@ -206,6 +216,47 @@ def _view(options: argparse.Namespace) -> int:
                 sheet=sheet,
             )
     return _written(options, [drawn], path, "picture")
+
+
+def _scene_in(path: Path) -> Scene | None:
+    """Return the scene that an input names or holds; None if it is something else."""
+    from cubepath.protocol.scenes.registry import sound_family  # noqa: PLC0415
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
+
+    spec = str(path)
+    name = spec.partition(":")[0]
+    # Families of other distributions are not loaded for what is a file.
+    there = os.path.exists(spec)  # noqa: PTH110 - never raises
+    named = spec.endswith(".toml") or (not there and sound_family(name) is not None)
+    return scene_from_spec(spec) if named else None
+
+
+def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
+    """Draw the start of a scene, and beside it its goal."""
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, scene_picture  # noqa: PLC0415
+
+    source: Path = options.input
+    given = {"OTHER": options.other, "--system": options.system, "--of": options.of}
+    given |= {"--format": options.format, "--with": options.companions, "--fps": options.fps}
+    given |= {"--rounds": options.states, "--parts": options.parts}
+    given["--what"] = None if options.what == "run" else options.what
+    for name, value in given.items():
+        if value:
+            raise InputError(f"{source}: a scene without a run, expected no {name}")
+    if options.output is None and source.suffix != ".toml":
+        raise InputError(f"{source}: no file, expected -o PICTURE")
+    path: Path = options.output or source.with_suffix(".png")
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        suffixes = ", ".join(PICTURE_SUFFIXES)
+        raise InputError(f"{path}: {source} is a scene without a run, expected {suffixes}")
+    check_files(argparse.Namespace(system=str(source)), [], Output(path, PICTURE_SUFFIXES))
+    scene_picture(scene, path, sheet=_sheet(options, path, None))
+    answer(
+        options,
+        {"system": scene.spec, "picture": str(path)},
+        f"written to {visible(str(path))}",
+    )
+    return DONE
 
 
 def _inputs(options: argparse.Namespace) -> list[Drawn]:
@@ -263,6 +314,8 @@ def _film(options: argparse.Namespace, drawn: Drawn, path: Path) -> None:
 
 
 def _read(options: argparse.Namespace, path: Path) -> Drawn:
+    if _scene_in(path) is not None:
+        raise InputError(f"{path}: a scene without a run, expected a run or another path")
     with opened(path) as file:
         return (_recorded if _is_recording(file) else _from_file)(options, file)
 

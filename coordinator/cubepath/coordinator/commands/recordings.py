@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -44,7 +44,7 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.input_files import Source, readable
+from cubepath.protocol.core.input_files import Source, file_within, readable
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -126,19 +126,39 @@ def _check_alone(options: argparse.Namespace) -> None:
 
 
 def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
-    from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
+    from cubepath.agents.rules.rule_files import check_rule_file  # noqa: PLC0415
+    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     check_files(options, options.logs, Output(options.recover))
+    for rule in options.rule:
+        check_rule_file(rule)
     if options.recover is not None:
         return _recover(options, sources[0])
     known = dict(zip(options.logs, sources, strict=True))
+    unused = set(options.rule)
 
     def one(path: Path, tell: _Tell) -> _Told:
         recording = read_recording(known.get(path, path))
+        unused.intersection_update(unused_rules(recording, unused))
+        if path in options.logs and len(known) == 1:
+            _check_used(options, unused)  # before the work
         return _verified(recording, audit(recording, tell, rules=options.rule), options.require)
 
-    return _each(options, "verify", one)
+    code = _each(options, "verify", one)
+    _check_used(options, unused)
+    return code
+
+
+def _check_used(options: argparse.Namespace, unused: Collection[str]) -> None:
+    """Refuse a rule that no recording names: most likely it is another that you meant."""
+    for rule in options.rule:
+        if rule in unused:
+            file, _, name = rule.rpartition(":")
+            raise InputError(
+                f"--rule {rule}: no recording names a rule {name} in a file {Path(file).name},"
+                " expected one that is named"
+            )
 
 
 def _recover(options: argparse.Namespace, source: Source) -> int:
@@ -146,7 +166,7 @@ def _recover(options: argparse.Namespace, source: Source) -> int:
 
     The exit code says whether there is anything of it, since that it is damaged is known.
     """
-    from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
+    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
     from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
     from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
@@ -161,6 +181,8 @@ def _recover(options: argparse.Namespace, source: Source) -> int:
         remains = remains_of(source)
         remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
+        if recording is not None:
+            _check_used(options, unused_rules(recording, options.rule))
         told = (
             _alone(remains)
             if recording is None
@@ -317,7 +339,15 @@ def _named(path: Path) -> list[tuple[Path, CubepathError | None]]:
         return [(path, error)]
     if not found:
         return [(path, InputError(f"{path}: a folder without .mcap files, expected recordings"))]
-    return [(each, None) for each in found]
+    return [(each, _outside(path, each)) for each in found]
+
+
+def _outside(folder: Path, file: Path) -> InputError | None:
+    try:
+        file_within(folder, file.name)
+    except InputError as error:
+        return error
+    return None
 
 
 def _tried(path: Path, one: _One) -> _Told:

@@ -58,6 +58,12 @@ def _add_time(replay: argparse.ArgumentParser) -> None:
         help="as fast as it was by the publish times, or R times as fast",
     )
     replay.add_argument(
+        "--max-gap",
+        type=_seconds,
+        metavar="S",
+        help="with --real-time or --rate: cut longer gaps between two messages to S seconds",
+    )
+    replay.add_argument(
         "--from",
         dest="begin",
         type=_spot,
@@ -146,6 +152,8 @@ def _replay(options: argparse.Namespace) -> int:
 
     if options.rate is not None and options.real_time is not None:
         raise InputError("--rate and --real-time: expected one of the two")
+    if options.max_gap is not None and options.rate is None and options.real_time is None:
+        raise InputError("--max-gap: expected --real-time or --rate with it")
     if options.wait_time is not None and not options.wait_for_subscribers:
         raise InputError("--wait-time: expected --wait-for-subscribers with it")
     with progress_bar(None, "read", ""):
@@ -167,6 +175,7 @@ def _given(options: argparse.Namespace) -> PlayOptions:
         "loop": options.loop,
         "paused": options.start_paused,
         "delay_s": options.delay,
+        "max_gap_s": options.max_gap,
         "wait_for_subscribers": options.wait_for_subscribers,
         "topics": options.topics,
         "exclude": options.exclude,

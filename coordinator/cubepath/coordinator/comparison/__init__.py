@@ -12,7 +12,10 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.comparison.compared import Compared
     from cubepath.coordinator.comparison.comparing import diff
+    from cubepath.coordinator.comparison.moves import first_other
 else:
-    __getattr__, __dir__ = lazy_face(__name__, {"compared": "Compared", "comparing": "diff"})
+    __getattr__, __dir__ = lazy_face(
+        __name__, {"compared": "Compared", "comparing": "diff", "moves": "first_other"}
+    )
 
-__all__ = ["Compared", "diff"]
+__all__ = ["Compared", "diff", "first_other"]

@@ -40,6 +40,7 @@ from cubepath.coordinator.comparison.results import (
     MessageDifference,
     Paths,
 )
+from cubepath.coordinator.runs.contents import counted_processes
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.input_files import InputFile, Source, opened
@@ -157,8 +158,7 @@ def _moves_alone(
 def _parameters(
     a: Recording, b: Recording, ignore: Collection[str]
 ) -> dict[str, tuple[str | None, str | None]]:
-    one = {"format": a.format, **a.parameters}
-    two = {"format": b.format, **b.parameters}
+    one, two = ({"format": each.format, **counted_processes(each)} for each in (a, b))
     return {
         key: (one.get(key), two.get(key))
         for key in {**one, **two}

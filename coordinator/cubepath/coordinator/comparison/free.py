@@ -21,13 +21,13 @@ from cubepath.coordinator.comparison.results import (
     MoveDifference,
     Paths,
 )
-from cubepath.coordinator.verification.free_history import Carried
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.free_messages import Moved
 
 NOT_COMPARED = (
     "not compared, as it follows from timing: who was shown what when, turns in which a module"
@@ -203,9 +203,9 @@ _Named = tuple[int, str, Site]
 
 def _by_level(run: FreeRun) -> dict[int, list[_Named]]:
     found: dict[int, list[_Named]] = {}
-    for each in run.history.path():
-        named = each.moved.module, each.move.generator, each.move.at
-        found.setdefault(each.moved.level, []).append(named)
+    for moved, _ in run.moves():
+        named = moved.module, str(moved.generator), site_in(moved.at)
+        found.setdefault(moved.level, []).append(named)
     return found
 
 
@@ -222,15 +222,15 @@ def _levels(runs: tuple[FreeRun, FreeRun]) -> list[tuple[int, int, int, int]]:
 def _states(runs: tuple[FreeRun, FreeRun]) -> list[Apart]:
     """Return from the end of which level to that of which the states differ."""
     states = [set(run.recording.scene.start_state) for run in runs]
-    paths = [run.history.path() for run in runs]
+    paths = [list(run.moves()) for run in runs]
     places = [0, 0]
-    last = max((each.moved.level for path in paths for each in path), default=0)
+    last = max((moved.level for path in paths for moved, _ in path), default=0)
     found: list[Apart] = []
     begin = None if states[0] == states[1] else 0
     for level in range(1, last + 1):
         for side, path in enumerate(paths):
-            while places[side] < len(path) and path[places[side]].moved.level <= level:
-                advance(states[side], path[places[side]].move.action)
+            while places[side] < len(path) and path[places[side]][0].level <= level:
+                advance(states[side], path[places[side]][1])
                 places[side] += 1
         if (states[0] == states[1]) == (begin is None):
             continue
@@ -243,7 +243,7 @@ def _states(runs: tuple[FreeRun, FreeRun]) -> list[Apart]:
 
 
 def _paths(runs: tuple[FreeRun, FreeRun]) -> Paths:
-    one, two = ([_action(each) for each in run.history.path()] for run in runs)
+    one, two = ([_action(*each) for each in run.moves()] for run in runs)
     starts = [run.recording.scene.start_state for run in runs]
     end = states_text(*(frozenset(run.history.state) for run in runs))
     identical = _by_level(runs[0]) == _by_level(runs[1])
@@ -255,9 +255,9 @@ def _paths_of(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> Paths:
     kept = [{run.commits[name].name for name in same} for run in runs]
     one, two = (
         [
-            _action(each)
-            for each in run.history.path()
-            if (each.moved.keeper, each.moved.serial) in names
+            _action(moved, action)
+            for moved, action in run.moves()
+            if (moved.keeper, moved.serial) in names
         ]
         for run, names in zip(runs, kept, strict=True)
     )
@@ -265,9 +265,8 @@ def _paths_of(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> Paths:
     return compare_paths(one, two, (starts[0], starts[1]), None, identical=False)
 
 
-def _action(carried: Carried) -> Action:
-    moved, place = carried.moved, site_in(carried.moved.at)
-    action = carried.move.action
+def _action(moved: Moved, action: Action) -> Action:
+    place = site_in(moved.at)
     if moved.generator is None or place is None:
         return action
     return named(action, moved.generator, place)

@@ -14,6 +14,7 @@ from cubepath.coordinator.comparison.reading import ODD_MAX, action_text, cut_te
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
 from cubepath.coordinator.verification.transcript import is_cut_off, site_in
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording
@@ -90,11 +91,11 @@ class FreeRun:
         self._entered: dict[tuple[int, int], Site] = {}
         self._commits: dict[int, dict[int, Moved]] = {}
         self._read()
-        ordered = (
+        ordered = [
             self._commits[keeper][serial]
             for keeper in sorted(self._commits)
             for serial in sorted(self._commits[keeper])
-        )
+        ]
         self._count_missing()
         self.history = History(recording.scene, ordered, self._fail)
         self.commits = self._linked()
@@ -164,7 +165,7 @@ class FreeRun:
         history = self.history
         links = _Links()
         before: dict[int, set[int]] = {}
-        for number in sorted(history.order, key=history.order.__getitem__):
+        for number in history.order:
             found = links.before(number, history.commits[number])
             if found is None or not found <= before.keys():
                 self.loose += 1
@@ -190,6 +191,12 @@ class FreeRun:
             )
             for number, found in before.items()
         }
+
+    def moves(self) -> Iterator[tuple[Moved, Action]]:
+        """Yield the moves in canonical order."""
+        path = self.history.path()
+        for number, action in zip(path.commits.tolist(), path.actions, strict=True):
+            yield self.history.commits[number], action
 
     # What a module was shown.
 

@@ -350,16 +350,8 @@ def _place(key: tuple[str, int]) -> tuple[int, int]:
 
 
 def _told(message: Any) -> dict[str, Json] | None:
-    """Return the fields of a message, in the one form that both formats have."""
-    if message is None:
-        return None
-    found: dict[str, Json] = msgspec.to_builtins(message)
-    if isinstance(message, Report):
-        heard: dict[str, list[int]] = {}
-        for kind, sender, _ in message.deliveries():
-            heard.setdefault(kind, []).append(sender)
-        found["heard"] = {kind: sorted(heard[kind]) for kind in sorted(heard)}
-    return found
+    """Return the fields of a message."""
+    return None if message is None else msgspec.to_builtins(message)
 
 
 def _message(

@@ -28,7 +28,6 @@ from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Report
 
 
@@ -165,6 +164,12 @@ def _goals_text(a: Scene, b: Scene) -> str | None:
     return None
 
 
+def first_other(one: Sequence[Action], two: Sequence[Action]) -> int | None:
+    """Return where the moves of two paths differ first, from 0; None if they are the same."""
+    both = enumerate(zip_longest(one, two))
+    return next((number for number, (move, other) in both if move != other), None)
+
+
 class FilesCompared(NamedTuple):
     """What comparing the moves of two files finds."""
 
@@ -181,20 +186,14 @@ def compare_files(
     notes: list[str] = []
     systems = [_system_for(each, other, system) for each, other in ((a, b), (b, a))]
     for name, given in zip("ab", systems, strict=True):
-        if given is not None and system is None:
-            notes.append(f"the moves of {name} are read as those of {given}, as the recording is")
+        if isinstance(given, Scene):
+            what = f"the moves of {name} are read as those of {given.spec}"
+            notes.append(f"{what}, as the recording is")
     one, two = (_moves_in(each, given) for each, given in zip((a, b), systems, strict=True))
     notes += [
         f"{name} {odd}" for name, each in zip("ab", (one, two), strict=True) for odd in each.odd
     ]
-    first = next(
-        (
-            number
-            for number, moves in enumerate(zip_longest(one.actions, two.actions))
-            if moves[0] != moves[1]
-        ),
-        None,
-    )
+    first = first_other(one.actions, two.actions)
     move = None
     if first is not None:
         labels = [_label(each.actions, first) for each in (one, two)]
@@ -245,7 +244,7 @@ class _Moves(NamedTuple):
     odd: list[str]
 
 
-def _moves_in(source: Recording | Source, system: str | None) -> _Moves:
+def _moves_in(source: Recording | Source, system: str | Scene | None) -> _Moves:
     if isinstance(source, Recording):
         path = gathered(source)
         odd = [f"is damaged: {problem}" for problem in source.problems]
@@ -259,19 +258,13 @@ def _moves_in(source: Recording | Source, system: str | None) -> _Moves:
 
 def _system_for(
     source: Recording | Source, other: Recording | Source, system: str | None
-) -> str | None:
+) -> str | Scene | None:
     """Return the system whose moves a file names: the one given, or that of the other recording."""
     if isinstance(source, Recording):
         return None
     if system is not None or not isinstance(other, Recording) or not _names_generators(source):
         return system
-    spec = other.scene.spec
-    try:
-        found = scene_from_spec(spec)
-    except InputError:  # it was a file, which is no longer there
-        return None
-    same = found.system.to_table() == other.scene.system.to_table()
-    return spec if same and found.start_state == other.scene.start_state else None
+    return other.scene
 
 
 def _names_generators(source: Source) -> bool:

@@ -34,6 +34,7 @@ from cubepath.coordinator.experiments.rows import (
 )
 from cubepath.coordinator.experiments.setting import OF_SCENES, Batch
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import (
     check_output_folder,
     locked_file,
@@ -107,7 +108,7 @@ class SweepFolder:
             self._lock_it()
             self._check()
             for name in ("runs", "rounds"):
-                (self.folder / name).mkdir(exist_ok=True)
+                file_within(self.folder, name).mkdir(exist_ok=True)
                 for part in (self.folder / name).glob(".*.part"):  # of a sweep that was killed
                     part.unlink()
         except BlockingIOError:
@@ -214,7 +215,8 @@ class SweepFolder:
         self._written_s = time.monotonic()
 
     def _write(self, what: str, name: str, table: Any) -> None:
-        with written_whole(self.folder / what / f"{name}.parquet") as stream:
+        path = file_within(self.folder, f"{what}/{name}.parquet")
+        with written_whole(path) as stream:
             arrow().parquet.write_table(table, stream)
             stream.flush()
             os.fsync(stream.fileno())
@@ -237,7 +239,7 @@ def read_mark(folder: Path) -> list[str]:
 
     A version is that of the code, with what the scene and the rule were then.
     """
-    mark = folder / MARK
+    mark = file_within(folder, MARK)
     try:
         told = json.loads(mark.read_bytes())
         if told["format"] == _FORMAT:
@@ -257,8 +259,15 @@ def _version(batch: Batch) -> str:
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the parts of the dataset of runs, in the order of their names."""
-    return sorted((folder / "runs").glob("[!.]*.parquet"))
+    """Return the parts of the dataset of runs, in the order of their names.
+
+    InputError if one, or that of its rounds, is not in the folder: a link leads out of it.
+    """
+    found = sorted(file_within(folder, "runs").glob("[!.]*.parquet"))
+    for part in found:
+        for what in ("runs", "rounds"):
+            file_within(folder, f"{what}/{part.name}")
+    return found
 
 
 def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:

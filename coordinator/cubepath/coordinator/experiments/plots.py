@@ -29,6 +29,7 @@ from cubepath.coordinator.experiments.tables import (
     best_by_system,
     by_size,
     groups,
+    rounds_or_limit,
     varying,
     without_size,
 )
@@ -48,7 +49,8 @@ _LONG = 16
 """Labels of a legend with more letters stand two in a line."""
 _DECADE = 10
 _OVER = "cubes over best"
-_CAPPED = "other runs count as their limit (dotted)\n2/6: two of six reached the goal"
+_SHARE = "2/6: two of six runs reached the goal"
+_CAPPED = f"other runs count as their limit (dotted)\n{_SHARE}"
 _NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
@@ -125,32 +127,28 @@ def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list
 
     `left` has for runs, by their ids, how far the goal is after each round, shape (rounds,).
     """
-    looks = Looks(rows)
-    reached = [row for row in rows if row["goal"]]
+    looks, best = Looks(rows), best_by_system(rows)
+    found: list[Plot | None] = []
     sized = [
         row
-        for several in groups(
-            (row | {"base": without_size(row["system"])} for row in reached), ["base"]
-        ).values()
-        if len({row["modules"] for row in several}) > 1
+        | {
+            "base": base,
+            "rounds": rounds_or_limit(row),
+            "cubes": (cubes := row["cubes"] if row["goal"] else None),
+            _OVER: cubes / best[row["system"]] if cubes else None,
+        }
+        for (base,), several in groups(
+            (row | {"base": without_size(row["system"])} for row in rows), ["base"]
+        ).items()
+        if len({row["modules"] for row in several if row["goal"]}) > 1
         for row in several
     ]
-    found: list[Plot | None] = []
-    families = {row["base"] for row in sized}
-    capped = [
-        row | {"base": base, "rounds": row["rounds"] if row["goal"] else row["max_rounds"]}
-        for row in rows
-        if (base := without_size(row["system"])) in families
-    ]
-    title = f"Rounds to the goal, by modules\n{_CAPPED}"
-    draw = _by_size("rounds")
-    found.append(_figure("growth-rounds", title, capped, "base", looks, draw))
-    title = "Cubes of the schedule, by modules"
-    found.append(_figure("growth-cubes", title, sized, "base", looks, _by_size("cubes")))
-    best = best_by_system(rows)
-    over = [row | {_OVER: row["cubes"] / best[row["system"]]} for row in sized if row["cubes"]]
-    title = "Cubes over the best known"
-    found.append(_figure("cubes-over-best", title, over, "base", looks, _by_size(_OVER)))
+    for name, measure, title in (
+        ("growth-rounds", "rounds", f"Rounds to the goal, by modules\n{_CAPPED}"),
+        ("growth-cubes", "cubes", f"Cubes of the schedule, by modules\n{_SHARE}"),
+        ("cubes-over-best", _OVER, f"Cubes over the best known\n{_SHARE}"),
+    ):
+        found.append(_figure(name, title, sized, "base", looks, _by_size(measure)))
     found.append(price_plot(rows))
     curves = {run: each / each[0] for run, each in left.items() if len(each) and each[0]}
     drawn = [row for row in rows if row["id"] in curves]
@@ -192,7 +190,9 @@ def price_plot(rows: Sequence[Row]) -> Plot | None:
 def _by_size(measure: str) -> Draw:
     def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
         for look, several in looks.by_variant(rows):
-            means = by_size([row | {"goal": True} for row in several], measure)
+            means = by_size(several, measure)
+            if not means:
+                continue
             low = [each.estimate - (each.low or each.estimate) for each in means.values()]
             high = [(each.high or each.estimate) - each.estimate for each in means.values()]
             axes.errorbar(
@@ -206,7 +206,7 @@ def _by_size(measure: str) -> Draw:
             )
             for (size,), there in groups(several, ["modules"]).items():
                 reached = sum(bool(row["goal"]) for row in there)
-                if reached < len(there):
+                if reached < len(there) and size in means:
                     axes.annotate(
                         f"{reached}/{len(there)}",
                         (size, means[size].estimate),
@@ -215,8 +215,9 @@ def _by_size(measure: str) -> Draw:
                         fontsize=8,
                         color=look["color"],
                     )
-        for cap in {row["max_rounds"] for row in rows if not row["goal"]}:
+        for cap in {row["max_rounds"] for row in rows if not row["goal"] and measure == "rounds"}:
             axes.axhline(cap, color=PALE, linestyle=":", linewidth=1.2)
+        axes.margins(0.12)  # room for the shares
         axes.set_xscale("log")
         if measure != _OVER:
             axes.set_yscale("log")

@@ -30,6 +30,7 @@ from cubepath.coordinator.experiments.tables import (
     short_rules,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
 from cubepath.protocol.core.plurals import counted
 
@@ -75,7 +76,7 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     results = read_sweep(folder)
     if not results.rows:
         raise InputError(f"{folder}: has no finished runs, expected some to report on")
-    target = Path(folder) / "report" if out is None else Path(out)
+    target = file_within(Path(folder), "report") if out is None else Path(out)
     check_output_folder(target)
     last = _of_last_versions(results.rows, read_mark(Path(folder)))
     older = len(results.rows) - len(last)
@@ -91,7 +92,7 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     except OSError as error:
         raise unwritable(target, error) from None
     for name, data in files.items():
-        with written_whole(target / name) as stream:
+        with written_whole(file_within(target, name)) as stream:
             stream.write(data)
     return Report(len(rows), older, tables, tuple(target / name for name in files))
 

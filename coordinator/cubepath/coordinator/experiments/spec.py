@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
-from cubepath.agents.rules.asked import own_rule
-from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
+from cubepath.agents.rules.asked import own_rule, rule_for
+from cubepath.agents.rules.registry import find_rule, unknown_rule
 from cubepath.agents.rules.rule_files import forget_rule_files, permitted_rule
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
@@ -40,8 +40,8 @@ from cubepath.protocol.core.keyed_values import given_values
 from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.core.toml_text import parsed_toml
-from cubepath.protocol.scenes.registry import family_named, sound_family
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.registry import family_named
+from cubepath.protocol.scenes.specs import is_scene_file, names_file, scene_from_spec, spec_within
 
 _LEAST = (("max_rounds", 0), ("processes", 1), ("keepers", 1), ("optimum", 0), ("improve", 0))
 STANDARD = "standard"
@@ -242,16 +242,11 @@ def _hash_of(system: str) -> str:
 def _check_name(name: str) -> None:
     """Raise InputError for a system, key or file that there is not; it is no misfit, but a slip."""
     family, _, rest = name.partition(":")
-    if _is_file(name):
+    if is_scene_file(name):
         if not Path(name).is_file():
             raise InputError(f"{name}: no such file, expected a system")
         return
     given_values(rest, family_named(family).keys, name)
-
-
-def _is_file(name: str) -> bool:
-    family = name.partition(":")[0]
-    return (name.endswith(".toml") or "/" in family) and sound_family(family) is None
 
 
 @lru_cache(maxsize=64)
@@ -279,10 +274,11 @@ def _of_scene(
     hashed = scene_hash(scene)
     best_known, proved = _known_of(scene, hashed)
     axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
+    fitting = cache(partial(rule_for, scene=scene))  # as slow as a large scene makes it
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:
-            rule_named(rule, scene.system, clock)
+            fitting(rule, clock=clock)
             _check_core(core, clock, rates)
         except InputError as error:
             line = _said(instance.label, error)
@@ -325,8 +321,8 @@ def _check_core(core: str, clock: str, rates: FaultRates) -> None:
 def read_sweep_file(path: Path, *, own_rules: bool = True) -> Sweep:
     """Read a sweep from a TOML file; InputError names the file and what is wrong in it.
 
-    Paths of systems in it are relative to its folder. Its rules are rules by name, since no file
-    runs because an input names it; without `own_rules` they are left out.
+    Paths of files in it are relative to its folder, and stay in it. Its rules are rules by name,
+    since no file runs because an input names it; without `own_rules` they are left out.
     """
     try:
         table = dict(parsed_toml(read_text(path)))
@@ -380,8 +376,8 @@ def is_sweep_file(path: Path) -> bool:
 def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sweep:
     """Return the sweep of a table as in a TOML file; InputError says what is wrong with it.
 
-    Paths of systems are relative to the `folder`, by default the current one. The keys
-    are those of `Sweep`. A value may stand where a list of them is expected; `seeds` is a number of
+    With a `folder`, paths of files are relative to it and must stay in it. The keys are those of
+    `Sweep`. A value may stand where a list of them is expected; `seeds` is a number of
     seeds, a text as ``"5..9"``, or a list; `systems` and `faults` may be tables.
 
     >>> sweep_from_table({"systems": {"name": "hex", "n": [4, 8]}, "seeds": 2}).systems
@@ -396,8 +392,7 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
         raise InputError("systems: missing, expected one or more")
     readers: Mapping[str, Callable[[object], object]] = {
         "systems": lambda value: tuple(
-            _below(folder, each) if _is_file(each) else each
-            for each in map(_system_text, _several(value))
+            name for each in map(_system_text, _several(value)) for name in _placed(folder, each)
         ),
         "rules": lambda value: tuple(_text("rules", each) for each in _several(value)),
         "clocks": lambda value: tuple(_text("clocks", each) for each in _several(value)),
@@ -416,8 +411,12 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
     return Sweep(**cast("dict[str, Any]", found))
 
 
-def _below(folder: Path | None, name: str) -> str:
-    return name if folder is None else str(folder / name)
+def _placed(folder: Path | None, text: str) -> list[str]:
+    """Return a system with the paths of its files from here: several where its keys name files."""
+    if folder is None or text == STANDARD:
+        return [text]
+    names = expanded(text)
+    return [spec_within(folder, name) for name in names] if any(map(names_file, names)) else [text]
 
 
 def _several(value: object) -> Sequence[object]:

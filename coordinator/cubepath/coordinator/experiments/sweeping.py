@@ -32,6 +32,7 @@ from cubepath.coordinator.experiments.spec import (
 )
 from cubepath.coordinator.experiments.workers import Cluster, Pool
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import file_within
 
 Watch = Callable[[Sequence[Finished]], object]
 """Is told of the runs that were just finished."""
@@ -216,7 +217,9 @@ def play_sweep(
         known = dict[str, str | None]()
         if writing is not None:
             known = writing.begin(expansion.batches, timeout_s)
-        recordings = folder.absolute() / "recordings" if record and folder is not None else None
+        recordings = None
+        if record and folder is not None:
+            recordings = file_within(folder, "recordings").absolute()
         left = [
             rest
             for batch in expansion.batches
@@ -283,7 +286,7 @@ def _without(batch: Batch, known: Mapping[str, str | None], recordings: Path | N
         if run not in known or kept is None:
             return run in known
         name = known[run]
-        return name is not None and (not name or (kept / name).is_file())
+        return name is not None and (not name or file_within(kept, name).is_file())
 
     pairs = zip(batch.seeds, batch.ids(), strict=True)
     return replace(batch, seeds=tuple(seed for seed, run in pairs if not is_known(run)))

@@ -124,6 +124,15 @@ def best_by_system(rows: Iterable[Row]) -> dict[str, int]:
     return found
 
 
+def rounds_or_limit(row: Row) -> int | None:
+    """Return the rounds of a run; of one that did not reach its goal the most that it might take.
+
+    Means over the runs that arrived alone would favour a rule that arrives in easy cases only.
+    """
+    rounds: int | None = row["rounds"] if row["goal"] else row["max_rounds"]
+    return rounds
+
+
 def runs_table(rows: Sequence[Row]) -> Table:
     """Return what came of the runs of each setting."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
@@ -139,7 +148,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 *key,
                 len(several),
                 share_interval(len(reached), len(several)),
-                _mean(reached, lambda row: row["rounds"]),
+                _mean(several, rounds_or_limit),
                 _mean(reached if timed else (), lambda row: row["time"]),
                 _mean(reached, lambda row: row["moves"]),
                 _mean(reached, lambda row: row["cubes"]),
@@ -153,11 +162,12 @@ def runs_table(rows: Sequence[Row]) -> Table:
         )
     return Table(
         "Runs",
-        "Rounds, time, moves and cubes are means over the runs that reached their goal, with the"
-        " 95% interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
-        " interval (Clopper and Pearson). Best is the fewest cubes known in the system, those of"
-        " all runs here included. Time is in turns of a module that is not slow, under the"
-        " simulator in virtual seconds; it is told if it differs from the rounds.",
+        "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
+        " Pearson). Rounds are means over all runs, where a run that did not reach its goal counts"
+        " as its limit; time, moves and cubes are means over the runs that did. Intervals are those"
+        " of 2,000 seeded bootstrap resamples, at 95%. Best is the fewest cubes known in the"
+        " system, including those of all runs here. Time is in turns of a module that is not slow,"
+        " under the simulator in virtual seconds; it is shown if it differs from the rounds.",
         (
             *keys,
             "runs",
@@ -258,22 +268,24 @@ def without_size(system: str) -> str:
 
 
 def by_size(rows: Sequence[Row], measure: str) -> Mapping[int, Interval]:
-    """Return the means of a measure over the runs that reached their goal, by modules."""
-    reached = [row for row in rows if row["goal"] and row[measure] is not None]
+    """Return the means of a measure over the runs that have it, by modules."""
+    known = [row for row in rows if row[measure] is not None]
     return {
         size: mean_interval([row[measure] for row in several])
-        for (size,), several in sorted(groups(reached, ["modules"]).items())
+        for (size,), several in sorted(groups(known, ["modules"]).items())
     }
 
 
 def growth_table(rows: Sequence[Row]) -> Table:
-    """Return how rounds, moves and cubes grow with the number of modules."""
+    """Return how rounds, moves and cubes grow with the size, where all runs arrived."""
     rows = [row | {"family": without_size(row["system"])} for row in rows]
     keys = ["family", *varying(rows, ("rule", *WORLD[1:]))]
     found = []
     for key, several in groups(rows, keys).items():
+        cut = {row["modules"] for row in several if not row["goal"]}
+        arrived = [row for row in several if row["modules"] not in cut]
         for measure in ("rounds", "moves", "cubes"):
-            means = by_size(several, measure)
+            means = by_size(arrived, measure)
             fit = power_law(list(means), [each.estimate for each in means.values()])
             if fit is not None:
                 sizes = f"{min(means)}..{max(means)}"
@@ -282,10 +294,11 @@ def growth_table(rows: Sequence[Row]) -> Table:
                 )
     return Table(
         "Growth",
-        "Least squares of the logarithms: the mean over the runs that reached their goal is about"
-        " factor x modules^exponent. The 95% interval of the exponent is Student's, from how far"
-        " the means lie off the line: it shows how well a power law fits. Nothing is fitted to"
-        f" fewer than {SIZES_MIN} sizes. Rounds of runs without rounds are {_LEVELS}.",
+        "Least squares of the logarithms: the mean is about factor x modules^exponent. The 95%"
+        " interval of the exponent is Student's, from how far the means lie off the line: it shows"
+        " how well a power law fits. Sizes at which a run did not reach its goal are left out, and"
+        f" nothing is fitted to fewer than {SIZES_MIN} sizes. Rounds of runs without rounds are"
+        f" {_LEVELS}.",
         (*keys, "measure", "modules", "sizes", "exponent", "factor", "R2"),
         tuple(found),
     )

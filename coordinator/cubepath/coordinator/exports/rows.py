@@ -70,7 +70,7 @@ def table_of(recording: Recording, wanted: Wanted) -> Table:
 
     >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), Wanted("rounds"))
     >>> found.columns[:3], next(found.batches)[1][:3]
-    (('round', 'messages', 'bytes'), (1, 21, 2177))
+    (('round', 'messages', 'bytes'), (1, 22, 3492))
     """
     name, selection = wanted.table, wanted.selection
     if name not in TABLES:

@@ -89,6 +89,7 @@ class Growing:
                 "source": _listed(found["source"][motions:]),
                 "target": _listed(found["target"][motions:]),
                 "corner": _listed(found["corner"][2 * motions :]),
+                "turn": _listed(found["turn"][motions:]),
             },
             **{
                 key: _listed(now[key])

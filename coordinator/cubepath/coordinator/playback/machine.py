@@ -75,7 +75,7 @@ class Machine:
     >>> while not isinstance(deed := machine.next(100.0), Rest):
     ...     kinds.append(deed.record.kind)
     >>> len(kinds), deed  # the second round begins half a second later
-    (11, Rest(until=100.5))
+    (12, Rest(until=100.5))
     """
 
     def __init__(
@@ -89,6 +89,7 @@ class Machine:
         loop: bool = False,
         paused: bool = False,
         delay_s: float = 0.0,
+        max_gap_s: float | None = None,
     ) -> None:
         """Stand at `begin`, and end after `until`; InputError if nothing lies in between."""
         self.reel = reel
@@ -105,9 +106,12 @@ class Machine:
         self.laps = 0
         self._jump: Why | None = "from" if begin is not None else None
         self._delay_s: float | None = delay_s or None
+        self._max_gap_s = max_gap_s
         self._not_before: float | None = None
         self._anchor: tuple[float, float] | None = None
         """When it played which beat; None before the next message is due at once."""
+        self._last_due = 0.0
+        """When the last message since then was due, or when it began to play."""
         self._held: float | None = None
         """The beat at which it was paused."""
         self._burst: int | Mark | None = None
@@ -183,6 +187,7 @@ class Machine:
         due = self._due(following[1], now)
         if due is None or due > now:
             return Rest(due)
+        self._last_due = due
         return self._put(following)
 
     def _takes_step(self, at_end: bool) -> bool:  # noqa: FBT001 - the one thing that it is told
@@ -222,8 +227,14 @@ class Machine:
             begin = max(now, self._not_before or now)
             self._anchor = begin, beat if self._held is None else min(self._held, beat)
             self._held = None
+            self._last_due = begin
         at, played = self._anchor
-        return max(at + (beat - played) / rate, self._not_before or now)
+        due = at + (beat - played) / rate
+        if self._max_gap_s is not None and due > self._last_due + self._max_gap_s:
+            latest = self._last_due + self._max_gap_s
+            self._anchor = at - (due - latest), played
+            due = latest
+        return max(due, self._not_before or now)
 
     # Orders.
 

@@ -117,7 +117,7 @@ class Position(msgspec.Struct, frozen=True, tag_field="kind", tag="position"):
 
     >>> import json
     >>> from cubepath.protocol import open_client
-    >>> with Player("logs/golden/hex-5.mcap", topics=["report"], run="shown") as player:
+    >>> with Player("logs/golden/hex-5.mcap", topics=["reports"], run="shown") as player:
     ...     with open_client(player.endpoint) as session:
     ...         jumps = session.declare_subscriber("cubepath/shown/player/position")
     ...         _ = list(session.get("cubepath/shown/player/status"))  # so it is heard by now

@@ -46,16 +46,16 @@ class Player:
     messages of a step have been put. `play` returns at once, and `wait` when all is played; it can
     be moved and played again after that. Orders over zenoh and those from Python take their turns.
 
-    >>> with Player("logs/golden/hex-5.mcap", topics=["report"]) as player:
+    >>> with Player("logs/golden/hex-5.mcap", topics=["reports"]) as player:
     ...     player.step("round").round
     ...     player.seek("12").message
     ...     status = player.play()
     ...     player.wait().rounds_compared
     2
-    247
+    234
     19
     >>> status.messages
-    630
+    573
     """
 
     def __init__(

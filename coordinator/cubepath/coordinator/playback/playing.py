@@ -74,6 +74,7 @@ class PlayOptions(TypedDict, total=False):
     - ``loop``: begin again at the end.
     - ``paused``: put nothing before an order comes.
     - ``delay_s``: seconds before the first message.
+    - ``max_gap_s``: the most seconds between two messages; longer gaps are cut. None cuts none.
     - ``wait_for_subscribers``, ``wait_s``: wait until another session subscribes to a part of the
       run, and how many seconds at most (60).
     - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
@@ -91,6 +92,7 @@ class PlayOptions(TypedDict, total=False):
     loop: bool
     paused: bool
     delay_s: float
+    max_gap_s: float | None
     wait_for_subscribers: bool
     wait_s: float
     topics: Collection[str]
@@ -135,6 +137,7 @@ class Playing:
         self._keys.check_remap(self._selection.takes_topic)
         self._wait_s = seconds("wait_s", given.get("wait_s", _WAIT_S))
         self._progress = given.get("progress")
+        max_gap = given.get("max_gap_s")
         self._machine = Machine(
             self.reel,
             self._selection,
@@ -144,6 +147,7 @@ class Playing:
             loop=given.get("loop", False),
             paused=given.get("paused", False),
             delay_s=seconds("delay_s", given.get("delay_s", 0.0)),
+            max_gap_s=None if max_gap is None else seconds("max_gap_s", max_gap),
         )
         self._states = States(self.reel)
         self._extent = extent_of(recording)

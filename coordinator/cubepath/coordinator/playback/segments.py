@@ -25,7 +25,6 @@ from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.keys import topic_in_key
 from cubepath.protocol.wire.messages import Report, decode, parts_of
 
-_REPORTS = ("reports/", "report/")
 _OF_KEEPERS = ("moved/", "tail/", "turns/")
 
 
@@ -70,7 +69,7 @@ class Segments:
 
     def _take(self, topic: str, data: bytes) -> None:
         if self._lockstep is not None:
-            if topic.startswith(_REPORTS):
+            if topic.startswith("reports/"):
                 for part in parts_of(decode(data)):
                     if isinstance(part, Report):
                         self._receive(self._lockstep, part)

@@ -19,13 +19,11 @@ from cubepath.protocol.wire.free_messages import decode_free, free_key
 from cubepath.protocol.wire.keys import ROOT, key_of, topic_in_key
 from cubepath.protocol.wire.messages import decode
 
-_PARTS = ("here", "note", "claim", "verdict", "report", "observed")
-"""What modules say, which is put back; in format 1 each as a message of its own."""
-SAID = ("said", "reports", "observations", *_PARTS)
+SAID = ("said", "reports", "observations")
 """The kinds of messages that are put back."""
 FREE_SAID = ("ask", "pass", "tell", "shows", "moved", "turns", "tail")
 """The same of a run without rounds: what modules and keepers say."""
-_NEEDED = {"lockstep": frozenset({"reports", "report"}), "free": frozenset({"moved", "tail"})}
+_NEEDED = {"lockstep": frozenset({"reports"}), "free": frozenset({"moved", "tail"})}
 """What a run is gathered from."""
 _GLOB = frozenset("*?[")
 _NOT_IN_KEYS = frozenset("*$?#")
@@ -40,9 +38,9 @@ class Selection:
     """The messages that are played: of some kinds, or on topics that match patterns.
 
     >>> recording = read_recording("logs/golden/hex-5.mcap")
-    >>> some = Selection(recording, topics=["report/*", "edges/*"], exclude=["*/*_[1-9]"])
+    >>> some = Selection(recording, topics=["reports/*", "edges/*"], exclude=["*/*_[1-9]"])
     >>> sorted({record.topic for record in recording.records if some.takes(record)})
-    ['edges/coordinator', 'report/module_0']
+    ['edges/coordinator', 'reports/process_0']
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
 from cubepath.protocol.wire.messages import Report, decode, parts_of
 
-_REPORTS = frozenset({"reports", "report"})
+_REPORTS = frozenset({"reports"})
 _COMMITS = frozenset({"moved", "tail"})
 _SNAPSHOT_CHUNKS = 8
 

@@ -20,9 +20,15 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.runs.commits import Released
     from cubepath.coordinator.runs.conductor import Conductor, Ending
-    from cubepath.coordinator.runs.contents import info, render
+    from cubepath.coordinator.runs.contents import counted_processes, info, render
     from cubepath.coordinator.runs.continuing import what_if
-    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, Sheet, run_picture, save_figure
+    from cubepath.coordinator.runs.drawing import (
+        PICTURE_SUFFIXES,
+        Sheet,
+        run_picture,
+        save_figure,
+        scene_picture,
+    )
     from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
     from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
@@ -31,7 +37,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.live import Divergence, LiveReplay, replay_live
     from cubepath.coordinator.runs.outcome import Outcome
-    from cubepath.coordinator.runs.plan import Plan, task_of
+    from cubepath.coordinator.runs.plan import Plan, name_part, task_of
     from cubepath.coordinator.runs.running import Running
     from cubepath.coordinator.runs.side_by_side import animate_beside
     from cubepath.coordinator.runs.states import State, states_of
@@ -44,9 +50,9 @@ else:
             "about": "About about_key find_run offer",
             "asking": "MOVES_MAX Status ask ask_path",
             "conductor": "Conductor Ending",
-            "contents": "info render",
+            "contents": "counted_processes info render",
             "continuing": "what_if",
-            "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure",
+            "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure scene_picture",
             "edge_path": "Gathered PathDigest",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "free_gatherer": "FreeGatherer keepers_in",
@@ -55,7 +61,7 @@ else:
             "launch": "run start",
             "live": "Divergence LiveReplay replay_live",
             "outcome": "Outcome",
-            "plan": "Plan task_of",
+            "plan": "Plan name_part task_of",
             "running": "Running",
             "side_by_side": "animate_beside",
             "states": "State states_of",
@@ -91,17 +97,20 @@ __all__ = [
     "animate_beside",
     "ask",
     "ask_path",
+    "counted_processes",
     "find_run",
     "gathered",
     "gathered_in_full",
     "info",
     "keepers_in",
+    "name_part",
     "offer",
     "render",
     "replay_live",
     "run",
     "run_picture",
     "save_figure",
+    "scene_picture",
     "start",
     "states_of",
     "task_of",

@@ -20,7 +20,7 @@ from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
-from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -45,7 +45,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "max_rounds": int,
     "keepers": int,
 }
-_GATHERED_FROM = ("reports", "report", "moved", "tail")
+_GATHERED_FROM = ("reports", "moved", "tail")
 """The kinds of messages that tell of moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
@@ -87,7 +87,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "format": recording.format,
         "clock": recording.clock,
         **{key: _described(parameters, key) for key in _DESCRIBED},
-        "processes": _processes(recording),
+        "processes": _described(counted_processes(recording), "processes"),
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
         "parameters": {key: value for key, value in parameters.items() if key not in known},
@@ -102,7 +102,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "error": None if summary is None else summary.error,
         "messages": counts.messages,
         "kinds": _kinds(counts),
-        **_parts(recording, counts),
+        "parts": dict(sorted(counts.parts.items())),
         "topics": counts.topics,
         "bytes": recording.size,
         "message_bytes": sum(kind.bytes for kind in counts.kinds.values()),
@@ -112,16 +112,21 @@ def info(recording: Recording | Source) -> dict[str, Any]:
     }
 
 
-def _processes(recording: Recording) -> object:
-    """Return the number of processes; in a run that waits for some, of those that joined it."""
-    if "wait_for" not in recording.parameters:
-        return _described(recording.parameters, "processes")
-    joined: set[int] = set()
-    for message in _decoded(recording, "ready"):
-        if not isinstance(message, Ready) or message.phase != "join":
-            break
-        joined.add(message.process)
-    return len(joined) or None
+def counted_processes(recording: Recording) -> dict[str, str]:
+    """Return the parameters of a run; one that waited for processes has those that joined it too.
+
+    When the recording of such a run begins nobody knows how many there will be.
+    """
+    parameters = dict(recording.parameters)
+    if "wait_for" in parameters and "processes" not in parameters:
+        joined: set[int] = set()
+        for message in _decoded(recording, "ready"):
+            if not isinstance(message, Ready) or message.phase != "join":
+                break
+            joined.add(message.process)
+        if joined:
+            parameters["processes"] = str(len(joined))
+    return parameters
 
 
 def _described(parameters: Mapping[str, str], key: str) -> object:
@@ -196,12 +201,6 @@ def _kinds(counts: Counts) -> dict[str, dict[str, int]]:
         name: {"messages": kind.messages, "bytes": kind.bytes}
         for name, kind in sorted(counts.kinds.items())
     }
-
-
-def _parts(recording: Recording, counts: Counts) -> dict[str, Any]:
-    """Return what modules said by kind, in batches or alone; in format 1 the messages tell it."""
-    known = recording.format == FORMATS[0]
-    return {} if known else {"parts": dict(sorted(counts.parts.items()))}
 
 
 def _moment(wall_ns: int | None) -> str | None:

@@ -1,4 +1,4 @@
-"""A picture of a whole run: some of its states, and its schedule.
+"""A picture of a whole run: some of its states, and its schedule; or of a scene without a run.
 
 Room: coordinator. Modules are followed through the moves from where they start, so only the scene
 and the moves are needed. matplotlib is imported when something is drawn.
@@ -21,7 +21,7 @@ import numpy as np
 from cubepath.agents.rendering.legend import legend_of
 from cubepath.agents.rendering.pen import Box
 from cubepath.agents.rendering.pictures import draw_on, extent
-from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, Theme
+from cubepath.agents.rendering.themes import DARK, GOAL, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
@@ -30,6 +30,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
@@ -131,6 +132,61 @@ def run_picture(
     save_figure(figure, path)
 
 
+def scene_picture(scene: Scene, path: Path | str, *, sheet: Sheet = _PLAIN) -> None:
+    """Write a picture of a scene without a run: its start, and beside it its goal if it has one.
+
+    In the goal modules have their numbers and colours where labels say which is which, and the
+    colour of the goal elsewhere. The states and the parts of `sheet` do not count. InputError as
+    for `run_picture`.
+
+    >>> scene_picture(scene_from_spec("hex:n=12"), "scene.svg")
+    >>> Path("scene.svg").read_text().count("<svg")
+    1
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
+
+    check_suffix(path, PICTURE_SUFFIXES)
+    _check_letters(sheet)
+    theme = DARK if sheet.dark else LIGHT
+    states = [("start", scene, Snapshot(scene.start, {}, {}), theme)]
+    if scene.goal is not None:
+        own = _at_goal(scene)
+        state = Snapshot(in_order(scene.goal) if own is None else own, {}, {})
+        plain = replace(theme, modules=theme.of(GOAL)) if own is None else theme
+        # No outlines of the goal: every module stands in one.
+        states.append(("goal", replace(scene, goal=None, goals=()), state, plain))
+    box = extent(scene, ())
+    boxes = _frames(scene, [state for _, _, state, _ in states], box, sheet.zoom)
+    width, _, wide, tall = _panels(boxes[0], len(states), one_row=True)
+    legend = legend_of(scene, [(scene.start, {})], boxes[0], width - 2 * _EDGE, theme)
+    caption = _wrapped(sheet.caption or "", int((width - 2 * _EDGE) / _LETTER))
+    legend_top = _TITLE + _CAPTION + tall + _GAP
+    caption_top = legend_top + legend.height + 0.2
+    high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
+    page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
+    page.write(_heading(scene, sheet), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
+    count = counted(len(scene.start), "module")
+    page.write(count + ("" if scene.goal else ", no goal"), _EDGE, 0.47, fontsize=10)
+    for index, (name, drawn, state, look) in enumerate(states):
+        at = _EDGE + index * (wide + _GAP)
+        page.write(name, at, _TITLE, fontsize=8.5)
+        axes = page.axes(at, _TITLE + _CAPTION, wide, tall)
+        draw_on(axes, drawn, state.sites, box=boxes[index], theme=look)
+    legend.put(page.figure, _EDGE, legend_top)
+    if caption:
+        page.write("\n".join(caption), _EDGE, caption_top, fontsize=9, linespacing=1.3)
+    save_figure(page.figure, path)
+
+
+def _at_goal(scene: Scene) -> tuple[Site, ...] | None:
+    """Return the site of each module at the goal; None if labels do not tell them apart."""
+    label_of = scene.system.label_of
+    by_label = {label_of(site): site for site in scene.goal or ()}
+    if None in by_label:
+        return None
+    return tuple(by_label[label_of(site)] for site in scene.start)
+
+
 def check_suffix(path: Path | str, known: Sequence[str]) -> None:
     """Raise InputError if a name has none of the known suffixes."""
     if Path(path).suffix.lower() not in known:
@@ -161,6 +217,10 @@ def cancelled_moves(
     if found is None:
         found = cancellations(action for _, action in path)
     return {path[place] for place in np.flatnonzero(found.levels == 0).tolist()}
+
+
+def _heading(scene: Scene, sheet: Sheet) -> str:
+    return _title(scene.spec) if sheet.title is None else " ".join(sheet.title.split())
 
 
 def _title(spec: str) -> str:
@@ -200,8 +260,7 @@ def _figure(
     caption_top = chart_top + lanes + 0.55 if lanes else legend_top + legend.height + 0.2
     high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
     page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
-    title = _title(scene.spec) if sheet.title is None else " ".join(sheet.title.split())
-    page.write(title, _EDGE, 0.2, fontsize=12.5, fontweight="bold")
+    page.write(_heading(scene, sheet), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     framed = "" if boxes[0] == box else ";  each state is framed around its modules"
     page.write(counts + framed, _EDGE, 0.47, fontsize=10)
     for index, number in enumerate(shown if sheet.parts != "schedule" else ()):
@@ -295,23 +354,24 @@ class _Panels(NamedTuple):
         return 72 * min(self.wide / (right - left), self.tall / (high - low))
 
 
-def _panels(box: Box, count: int) -> _Panels:
+def _panels(box: Box, count: int, *, one_row: bool = False) -> _Panels:
     """Return the layout for a frame: on a narrow page, or a wide one if modules would be specks."""
-    narrow, wide = (_best_panels(page, box, count) for page in _WIDE)
+    rows = [1] if one_row else range(1, count + 1)
+    narrow, wide = (_best_panels(page, box, count, rows) for page in _WIDE)
     return narrow if narrow.scale(box) >= _SPECK else wide
 
 
-def _best_panels(page: float, box: Box, count: int) -> _Panels:
+def _best_panels(page: float, box: Box, count: int, rows: Iterable[int]) -> _Panels:
     """Return the layout with as many columns as leave room for numbers on modules.
 
-    If none does, the layout that shows modules largest among those that are no higher than the page
-    is wide, and the one with the most columns. Where numbers can be read on a longer page alone,
-    that is taken.
+    It has one of these numbers of `rows`. If none leaves room, the layout that shows modules
+    largest among those that are no higher than the page is wide, and the one with the most columns.
+    Where numbers can be read on a longer page alone, that is taken.
     """
     left, right, low, high = box
     fitting: list[_Panels] = []
     longer: list[_Panels] = []
-    for columns in sorted({ceil(count / rows) for rows in range(1, count + 1)}, reverse=True):
+    for columns in sorted({ceil(count / each) for each in rows}, reverse=True):
         wide = (page - 2 * _EDGE - (columns - 1) * _GAP) / columns
         tall = min(wide * (high - low) / (right - left), max(2 * wide, _TALL))
         length = ceil(count / columns) * (_CAPTION + tall + _GAP)

@@ -152,6 +152,7 @@ class FreeRun:
                 logs=logs,
                 lock=self._lock,
                 way=self._way,
+                known=self.gathered.known,
             )
         )
         self._opened(fleet)

@@ -139,7 +139,7 @@ def _whole(words: Sequence[Words]) -> int:
     """Return up to which round nothing is missing that is known to have been said."""
     for place, said in enumerate(words):
         for report in (each for each in said.values() if isinstance(each, Report)):
-            heard = {(kind, sender) for kind, sender, _ in report.deliveries() if kind in _KINDS}
+            heard = {(kind, sender) for kind, sender in report.deliveries() if kind in _KINDS}
             lost = report.claim == "lost" and ("claim", report.module) not in said
             if lost or not heard <= said.keys():
                 return place

@@ -18,7 +18,7 @@ from typing import Any, Literal, TypedDict
 from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
-from cubepath.agents.rules.asked import own_rule
+from cubepath.agents.rules.asked import own_rule, rule_for
 from cubepath.agents.rules.recorded import RECORDED, Recorded
 from cubepath.agents.rules.registry import CLOCKS, rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
@@ -210,7 +210,9 @@ def task_of(plan: Plan) -> Task:
     scene = _with_runs(_scene_named(plan.system))
     _check_speeds(plan, scene)
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
-    return Task(scene, _rule_of(plan, scene), most)
+    rule = _rule_of(plan, scene)
+    rule_for(rule, scene, plan.clock)
+    return Task(scene, rule, most)
 
 
 _WHOLE = ("seed", "processes", "wait_for", "keepers", "max_rounds")
@@ -327,13 +329,13 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     most = cubes + (MAX_ROUNDS if plan.repair else 0)
     if plan.max_rounds is not None:
         most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
-    return Task(with_end(scene, schedule, assignment), _rule_of(plan, scene), most, assignment)
+    rule = _rule_of(plan, scene)
+    rule_named(rule, scene.system, plan.clock)  # it would go on from elsewhere in the scene
+    return Task(with_end(scene, schedule, assignment), rule, most, assignment)
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
-    rule = own_rule(scene) if plan.rule is None else plan.rule
-    rule_named(rule, scene.system, plan.clock)
-    return rule
+    return own_rule(scene) if plan.rule is None else plan.rule
 
 
 def check_topics(task: Task, plan: Plan) -> None:
@@ -365,7 +367,12 @@ def _system_name(plan: Plan, scene: Scene) -> str:
     is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
     if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
         name = Path(told).stem
-    return re.sub(r"[^\w.]+", "-", name).strip("-.")[:_NAME_MAX] or "system"
+    return name_part(name) or "system"
+
+
+def name_part(text: str) -> str:
+    """Return what of a text may stand in the name of a file, which it cannot lead elsewhere."""
+    return re.sub(r"[^\w.]+", "-", text).strip("-.")[:_NAME_MAX]
 
 
 def parameters_of(plan: Plan, task: Task) -> dict[str, str]:

@@ -13,14 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
-from cubepath.agents.free.fleet import BIRTHS, ON_CRASH
+from cubepath.agents.free.fleet import ON_CRASH
 from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import locked_file, unwritable
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 
+_LOCK = "lock"
+"""The file in the folder of logs that is locked: no run writes to it."""
 _LOCK_S_MAX, _POLL_S = 2.0, 0.05
 """So long the keepers of a run whose launcher was killed may take to end."""
 
@@ -49,7 +52,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
         raise InputError(f"{path}: a run in rounds, expected one without (clock=free)")
     if "schedule" in told:
         raise InputError(f"{path}: a run of a schedule, expected one of a rule")
-    logs = keeper_logs(path)
+    logs = file_within(path.parent, keeper_logs(path).name)
     if not logs.is_dir():
         if next(recording.of_kind("summary"), None) is not None:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
@@ -82,7 +85,7 @@ def locked_logs(folder: Path) -> BinaryIO:
     The lock is on a file in the folder, and stays with it when the folder is renamed.
     """
     deadline = time.monotonic() + _LOCK_S_MAX
-    path = folder / BIRTHS
+    path = folder / _LOCK
     while True:
         try:
             lock = locked_file(path)

@@ -6,6 +6,7 @@ it, changes nothing.
 
 from __future__ import annotations
 
+import os
 import time
 import weakref
 from collections.abc import Callable, Generator, Iterator
@@ -27,6 +28,7 @@ from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.lockstep_launch import LockstepRun
+from cubepath.coordinator.runs.older_logs import check_logs
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import (
     Branch,
@@ -187,7 +189,7 @@ class Running(Standing):
             )
         plan, task = self.plan, self._task
         path = Path(plan.log) if plan.log else Path("logs") / file_name(plan, task)
-        if plan.is_free and plan.resume is None and keeper_logs(path).exists():
+        if plan.is_free and plan.resume is None and os.path.lexists(keeper_logs(path)):
             raise InputError(
                 f"{keeper_logs(path)}: exists already, expected no logs of another run"
             )
@@ -195,6 +197,8 @@ class Running(Standing):
         parameters = parameters_of(plan, task)
         lock = None if plan.resume is None else locked_logs(keeper_logs(plan.resume))
         try:
+            if plan.resume is not None and self._before is not None:
+                check_logs(keeper_logs(plan.resume), self._before, plan.keepers)
             writer = RecordingWriter(path, task.scene, parameters, schedule)
         except BaseException:
             if lock is not None:

@@ -72,7 +72,7 @@ def _rounds(recording: Recording) -> Iterator[tuple[int, int, list[Action]]]:
         actions: dict[int, list[Action]] = {}
         if recording.clock != "free":
             for record in records:
-                if record.kind in ("report", "reports"):
+                if record.kind == "reports":
                     ends[record.round] = max(record.wall_ns, ends.get(record.round, 0))
         moves = replace(recording, records=records).moves()
         names = ("round", "wall_ns", "generator", "at")

@@ -52,13 +52,11 @@ class Encoding:
     each variable from 1 on: its kind, index and time, as docs/proofs.md defines them; `prefixes` of
     them at the end are of ladders, whose rows are site, round, kind, number of members and first
     prefix, with their members one after another in `members`. `impossible` says that the windows
-    alone refute such a path; then the only clause is an empty one.
+    alone refute such a path; then there are no variables, and the only clause is an empty one.
     """
 
     rounds: int
     met: MetMoves
-    moves: MoveArrays
-    windows: LiteralWindows
     variables: Numbers
     literals: Numbers
     ends: Offsets
@@ -68,7 +66,7 @@ class Encoding:
     impossible: bool
 
     @cached_property
-    def _made(self) -> NDArray[np.int64]:
+    def made(self) -> NDArray[np.int64]:
         """The places of the variables of moves, which are all but those of sites and prefixes."""
         return np.flatnonzero(self.variables[:, 0] == MOVE)
 
@@ -77,7 +75,7 @@ class Encoding:
 
         `true` has shape (variables,). Empty rounds are left out.
         """
-        made = self._made[true[self._made]]
+        made = self.made[true[self.made]]
         cubes: list[list[Action]] = [[] for _ in range(self.rounds)]
         for _, index, turn in self.variables[made].tolist():
             cubes[turn - 1].append(self.met.actions[index // 2])
@@ -98,11 +96,11 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
             f"clauses for {rounds} rounds have {len(start) * (rounds + 1):,} values of sites,"
             f" {VALUES_MAX:,} at most"
         )
-    windows = windows_of(moves, start, goal, rounds)
+    windows = windows_of(moves, start, goal, rounds, met.spend)
+    if windows.refuted():
+        return refuted_by_windows(met, rounds)
+    value, sites = _values(windows.value_possible())
     met.spend(0)
-    possible = windows.value_possible()
-    impossible = windows.refuted()
-    value, sites = _values(possible)
     lasting = np.maximum(windows.last - windows.first + 1, 0)
     begins = np.concatenate([[0], np.cumsum(lasting)])
     made = (sites + 1 + begins[:-1] - windows.first).astype(np.int32)
@@ -118,7 +116,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
     )
     empty = Written(*_arrays(np.zeros(5, dtype=np.int64)))
     met.spend(0)
-    counted = np.zeros(5, dtype=np.int64) if impossible else write(problem, empty, variables, False)
+    counted = write(problem, empty, variables, False)
     met.spend(0)
     most = LITERALS_MAX if literals_max is None else literals_max
     if counted[0] > most:
@@ -126,24 +124,37 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
             f"clauses for {rounds} rounds have {counted[0]:,} literals, {most:,} at most"
         )
     out = Written(*_arrays(counted))
-    if not impossible:
-        write(problem, out, variables, True)
-        met.spend(0)
-    ends = np.zeros(1, dtype=np.int64) if impossible else out.ends  # the empty clause
-    groups = () if impossible else groups_of(met, moves, windows)
+    write(problem, out, variables, True)
+    met.spend(0)
+    groups = groups_of(met, moves, windows)
     more, more_ends = _of_groups(groups, value)
+    met.spend(0)
     return Encoding(
         rounds,
         met,
-        moves,
-        windows,
         _meanings(value, windows, lasting, out, sites),
         np.concatenate([out.literals, more]),
-        np.concatenate([ends, len(out.literals) + more_ends]),
+        np.concatenate([out.ends, len(out.literals) + more_ends]),
         out.ladders,
         out.members,
         groups,
-        impossible,
+        impossible=False,
+    )
+
+
+def refuted_by_windows(met: MetMoves, rounds: int) -> Encoding:
+    """Return the clauses of a path that the windows refute: an empty one, and no variables."""
+    nothing = Written(*_arrays(np.zeros(5, dtype=np.int64)))
+    return Encoding(
+        rounds,
+        met,
+        np.zeros((0, 3), dtype=np.int32),
+        nothing.literals,
+        np.zeros(1, dtype=np.int64),
+        nothing.ladders,
+        nothing.members,
+        (),
+        impossible=True,
     )
 
 

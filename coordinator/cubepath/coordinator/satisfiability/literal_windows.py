@@ -12,6 +12,7 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -67,18 +68,27 @@ def first_times(moves: MoveArrays, on: NDArray[np.bool_], rounds: int) -> Number
 
 
 def windows_of(
-    moves: MoveArrays, start: NDArray[np.bool_], goal: NDArray[np.bool_], rounds: int
+    moves: MoveArrays,
+    start: NDArray[np.bool_],
+    goal: NDArray[np.bool_],
+    rounds: int,
+    spend: Callable[[int], object] = lambda _steps: None,
 ) -> LiteralWindows:
-    """Return the windows of a path of `rounds` rounds; `start` and `goal` have shape (sites,)."""
+    """Return the windows of a path of `rounds` rounds; `start` and `goal` have shape (sites,).
+
+    `spend` is called with 0 whenever all moves were looked at; what it raises ends this.
+    """
     count = 2 * (len(moves.starts) - 1)
     alive = np.ones(count, dtype=np.bool_)
     first, last = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
     while True:
         after, before = _at_end(start), _at_end(goal)
         _spread(*moves, alive, rounds, after, first)
+        spend(0)
         # Backwards every move is made from its local state after to the one before.
         flipped = np.ascontiguousarray(alive.reshape(-1, 2)[:, ::-1]).ravel()
         _spread(*moves, flipped, rounds, before, last)
+        spend(0)
         last = rounds + 1 - last.reshape(-1, 2)[:, ::-1].ravel()
         left = alive & (first <= last)
         if np.array_equal(left, alive):

@@ -83,6 +83,11 @@ class MetMoves:
         """Return whether all moves are known, however many rounds a path has."""
         return self._ask is None
 
+    def name_of(self, action: Action) -> GeneratorPlacement | None:
+        """Return what the system calls an action, None if it was not met."""
+        number = self._number.get(action)
+        return None if number is None else self.names[number]
+
     def reach(self, rounds: int) -> None:
         """Find all moves that paths of up to so many rounds could use."""
         half = -(-rounds // 2)
@@ -96,6 +101,7 @@ class MetMoves:
     def _ask_about(self, end: int, layer: int, moves_at: Callable[[Site], Iterable[Move]]) -> None:
         """Learn the moves at all sites that may be on so many rounds from one end."""
         first = literal_windows.first_times(self.arrays(), self.on(end), layer)
+        self.spend(0)
         for site in np.flatnonzero(first[:, 1] <= layer).tolist():
             if site in self._asked:
                 continue

@@ -16,12 +16,16 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import cached_property
 from tempfile import TemporaryFile
 from typing import IO, Self
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
+from cubepath.coordinator.satisfiability.encoding import (
+    Encoding,
+    TooLargeError,
+    encode,
+    refuted_by_windows,
+)
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.solver_process import (
     LOG_MAX,
@@ -52,12 +56,7 @@ class Refutation:
     rounds: int
     why: str
     log: IO[bytes] | None
-    _problem: Callable[[], Encoding] = field(repr=False, compare=False)
-
-    @cached_property
-    def problem(self) -> Encoding:
-        """The clauses; those that the windows refute are built when they are asked for."""
-        return self._problem()
+    problem: Encoding = field(repr=False, compare=False)
 
 
 @dataclass
@@ -123,7 +122,7 @@ class Prover:
             self._wait(jobs, end)
 
     def _refuted_by_windows(self, rounds: int) -> None:
-        self._refuted(Refutation(rounds, WINDOWS, None, lambda: encode(self.met, rounds)))
+        self._refuted(Refutation(rounds, WINDOWS, None, refuted_by_windows(self.met, rounds)))
 
     def _refuted(self, found: Refutation) -> None:
         """Note that no path has so few rounds."""
@@ -170,7 +169,7 @@ class Prover:
             job.most = len(self.best)
             return
         if problem.impossible:
-            self._refuted(Refutation(rounds, WINDOWS, None, lambda: problem))
+            self._refuted(Refutation(rounds, WINDOWS, None, problem))
             return
         if patience and job.step > 1:
             # What finds paths quickly; what it refutes, the other will, with a log.
@@ -220,9 +219,9 @@ class Prover:
         elif answer.log is None:
             self._single[problem.rounds] = problem
         elif os.fstat(answer.log.fileno()).st_size == 0:
-            self._refuted(Refutation(problem.rounds, PROPAGATION, None, lambda: problem))
+            self._refuted(Refutation(problem.rounds, PROPAGATION, None, problem))
         else:
-            self._refuted(Refutation(problem.rounds, SEARCH, answer.log, lambda: problem))
+            self._refuted(Refutation(problem.rounds, SEARCH, answer.log, problem))
 
 
 class _Job:

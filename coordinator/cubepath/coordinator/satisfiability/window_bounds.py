@@ -35,7 +35,7 @@ def window_bound(
     def refuted(rounds: int) -> bool:
         met.reach(rounds)
         met.spend(len(met.actions) // _MOVES_A_STEP)
-        found = windows_of(met.arrays(), met.on(0), met.on(1), rounds).refuted()
+        found = windows_of(met.arrays(), met.on(0), met.on(1), rounds, met.spend).refuted()
         if found and raised is not None:
             raised(rounds)
         return found

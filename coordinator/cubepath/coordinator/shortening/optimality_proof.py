@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import IO
 
+import numpy as np
+
 from cubepath.coordinator.satisfiability.clauses import OFF, ON
 from cubepath.coordinator.satisfiability.proving import Refutation
 from cubepath.protocol.core.actions import Action, State
@@ -41,13 +43,21 @@ def proof_of(
     of the refutation is read when the proof is written.
     """
     problem, met = refuted.problem, refuted.problem.met
-    number = {action: place for place, action in enumerate(met.actions)}
-    actions, names = list(met.actions), list(met.names)
+    variables = problem.variables.copy()
+    moves = variables[problem.made, 1]
+    alone = scene is None or system is None
+    # With a system only those moves are named that have a variable or stand in the schedule.
+    used = np.arange(len(met.actions)) if alone else np.unique(moves // 2)
+    variables[problem.made, 1] = 2 * np.searchsorted(used, moves // 2) + moves % 2
+    actions = [met.actions[place] for place in used.tolist()]
+    names = [met.names[place] for place in used.tolist()]
+    number = {action: place for place, action in enumerate(actions)}
     for action in (action for cube in schedule for action in cube):
         if action not in number:
             number[action] = len(actions)
             actions.append(action)
-            names.append(None if system is None else _name_of(system, action))
+            name = met.name_of(action)
+            names.append(name if name or system is None else _name_of(system, action))
     named = [name for name in names if name is not None]
     text = None
     if scene is not None and system is not None:
@@ -62,8 +72,8 @@ def proof_of(
         solver=refuted.why,
         standing="proved",
         moves=actions if text is None else named,
-        sites=met.sites,
-        variables=problem.variables,
+        sites=() if problem.impossible else met.sites,
+        variables=variables,
         ladders=_ladders(refuted),
         groups=[
             Group("exactly one" if group.exactly else "at most one", group.sites)

@@ -119,7 +119,7 @@ class PathInput:
 
 def read_input(
     source: Source,
-    system: str | None = None,
+    system: str | Scene | None = None,
     hints: PlanHints = NO_HINTS,
     progress: Progress | None = None,
 ) -> PathInput:
@@ -163,7 +163,11 @@ class _Reading:
     """One reading of one file."""
 
     def __init__(
-        self, file: InputFile, system: str | None, hints: PlanHints, progress: Progress | None
+        self,
+        file: InputFile,
+        system: str | Scene | None,
+        hints: PlanHints,
+        progress: Progress | None,
     ) -> None:
         self._file = file
         self._system = system
@@ -185,7 +189,8 @@ class _Reading:
             )
         form = _form_of(file)
         if form not in {"recording", "binary moves"} or hints.format is not None:
-            plan = read_plan(file, hints.format, companions=hints.companions, system=system)
+            named = None if isinstance(system, Scene) else system
+            plan = read_plan(file, hints.format, companions=hints.companions, system=named)
             if plan is not None:
                 return self._of_plan("plan", plan)
         if hints.companions:
@@ -201,7 +206,8 @@ class _Reading:
             return self._of_plan(form, read_scenario(file))
         if form == "recording":
             return self._of_recording()
-        scene = None if system is None else local_only(scene_from_spec(system), "shortening")
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        scene = None if scene is None else local_only(scene, "shortening")
         numbered = self._binary(scene) if form == "binary moves" else self._lines(scene)
         return PathInput(file.path, form, numbered, self._seconds, scene)
 

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.satisfiability.encoding import TooLargeError
 from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover
@@ -406,11 +405,7 @@ class Look:
             finally:
                 stage.steps = prover.problems
                 # What was proved in time is written, however long that takes.
-                self._met.spend = Budget().spend
-                try:
-                    self._take_proof(prover, proof)
-                except TooLargeError as error:
-                    prover.stopped_by = str(error)
+                self._take_proof(prover, proof)
         if prover.stopped_by is not None:
             stage.ended, stage.why = "limit", prover.stopped_by
 

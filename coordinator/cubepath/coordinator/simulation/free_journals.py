@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from cubepath.agents.keepers.journal import Committed, FileJournal, Record
+from msgspec.structs import replace
+
+from cubepath.agents.keepers.journal import Committed, FileJournal, Opened, Record
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import Moved
 
@@ -74,8 +76,9 @@ class SimulatedFile(SimulatedJournal):
     def __init__(self, wrote: Callable[[], None], path: Path) -> None:
         """Begin with a file that has nothing in it."""
         super().__init__(wrote)
-        self._file = FileJournal(path)
-        self._ends = [0]
+        self._opened = Opened("simulated", 0, 1)
+        self._file = FileJournal(path, self._opened)
+        self._ends = [path.stat().st_size]
 
     def append(self, record: Record) -> None:
         """Add a record."""
@@ -104,7 +107,8 @@ class SimulatedFile(SimulatedJournal):
     def again(self) -> SimulatedJournal:
         """Open the file again, for the next keeper."""
         self.close()
-        self._file = FileJournal(self._file.path)
+        self._opened = replace(self._opened, birth=self._opened.birth + 1)
+        self._file = FileJournal(self._file.path, self._opened)
         return self
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from random import Random
 
+from cubepath.agents.rules.asked import fitting_rules
 from cubepath.agents.rules.registry import BUILT_IN, rule_named
 from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.coordinator.simulation.scenarios import (
@@ -17,7 +18,6 @@ from cubepath.coordinator.simulation.scenarios import (
     Instance,
     built,
     drawn_system,
-    fitting,
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
@@ -123,7 +123,7 @@ def free_scenario_of(seed: int, asked: Asked) -> FreeScenario:
     alone = random.random() < _ALONE
     return FreeScenario(
         system=spec,
-        rule=asked.rule or random.choice(fitting(scene, "free")),
+        rule=asked.rule or random.choice(fitting_rules(scene, "free", foreign=True)),
         processes=min(modules, 8) if alone else random.randint(1, min(modules, 8)),
         keepers=random.choice(_KEEPERS),
         hesitate=random.choice(_HESITATE),

@@ -209,7 +209,7 @@ class Liar:
                 return replace(report, site=self._site(random))
             case "lie-other":
                 return replace(report, module=random.randrange(len(self._scene.start)))
-            case "lie-heard" if isinstance(report.heard, dict):
+            case "lie-heard":
                 kinds = [*report.heard, "here", "claim"]
                 heard = {**report.heard, random.choice(kinds): [random.randrange(3)]}
                 return replace(report, heard=heard)

@@ -13,9 +13,8 @@ from math import ceil, sqrt
 from random import Random
 from typing import Literal
 
-from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.registry import rule_named, rules, rules_for
-from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.asked import fitting_rules, rule_for
+from cubepath.agents.rules.registry import rule_named, rules
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import all_families
@@ -177,9 +176,12 @@ def check(asked: Asked) -> None:
             raise InputError(
                 f"--modules {asked.modules} with --system {asked.system}: expected one of {names}"
             )
-        system = built(asked.system).system
+        scene = built(asked.system)
         if asked.rule is not None:
-            rule_named(asked.rule, system, asked.clock)
+            # A name of `INSTANCES` stands for others, too.
+            rule_named(asked.rule, scene.system, asked.clock)
+            if asked.system not in INSTANCES:
+                rule_for(asked.rule, scene, asked.clock)
     elif asked.rule is not None and asked.rule not in rules():
         raise InputError(f"unknown rule {asked.rule!r}, expected one of {', '.join(rules())}")
     elif asked.rule is not None and asked.clock not in rules()[asked.rule].clocks:
@@ -194,7 +196,7 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
     random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
     spec = drawn_system(asked, random)
     scene = built(spec)
-    rule = asked.rule or random.choice(fitting(scene))
+    rule = asked.rule or random.choice(fitting_rules(scene, foreign=True))
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
     return Scenario(
@@ -205,26 +207,6 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
         max_rounds=random.randint(*_WITHOUT_GOAL) if rule == "random" else to_goal,
         seed=random.randrange(1 << 16),
     )
-
-
-def fitting(scene: Scene, clock: str = "lockstep") -> list[str]:
-    """Return the names of the rules that hold for a scene under a clock.
-
-    A rule that refuses the scene at birth, as `chain` does a goal that is no chain, is none.
-    """
-    return [
-        rule.name
-        for rule in rules_for(scene.system)
-        if clock in rule.clocks and _begins(rule, scene, clock)
-    ]
-
-
-def _begins(rule: RuleType, scene: Scene, clock: str) -> bool:
-    try:
-        actors_for(scene, rule, seed=0, hesitate=0.0, clock=clock)
-    except InputError:
-        return False
-    return True
 
 
 def drawn_system(
@@ -259,5 +241,5 @@ def _families_for(rule: str | None, clock: str, *, large: bool) -> list[str]:
     if not large:
         names = [name for name in names if name not in _ALWAYS_LARGE]
     if rule is not None:
-        names = [name for name in names if rule in fitting(built(name), clock)]
+        names = [name for name in names if rule in fitting_rules(built(name), clock, foreign=True)]
     return names

@@ -44,7 +44,7 @@ PARTS = (
     *("attempt", "enter", "hold", "look", "passed", "decision", "inquiry", "settled"),
     *("shown", "entered", "held", "turn"),
 )
-"""The kinds of parts, in runs without rounds; with rounds they are kinds of messages as well."""
+"""The kinds of parts, in runs without rounds."""
 KNOWN = frozenset((*KINDS, *FREE_KINDS, *PARTS))
 """Every kind that a rule or a condition may name."""
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         ProvedFewest,
         check_fewest_rounds,
     )
-    from cubepath.coordinator.verification.free_history import Carried, History
+    from cubepath.coordinator.verification.free_history import History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
@@ -75,7 +75,7 @@ else:
             "findings": "Check Progress Verification",
             "following": "check_following",
             "following_proof": "FollowingRefutation ProvedFewest check_fewest_rounds",
-            "free_history": "Carried History",
+            "free_history": "History",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
             "free_units": "NO_SITE changed_by held_by",
@@ -98,7 +98,6 @@ __all__ = [
     "RECORDED",
     "RECOVERED",
     "Arrays",
-    "Carried",
     "Check",
     "FollowingRefutation",
     "History",

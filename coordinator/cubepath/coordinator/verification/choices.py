@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
+from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.verification.rounds import NOTE_MIN, is_note, why_not
+from cubepath.coordinator.verification.rounds import NOTE_MIN, is_admissible, is_note
 from cubepath.coordinator.verification.transcript import Round, Transcript
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene
 from cubepath.protocol.wire.messages import Note
@@ -23,6 +25,7 @@ from cubepath.protocol.wire.messages import Note
 Arrays: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
 """A PettingZoo observation by its keys: "observation", "action_mask", and "notes" if any."""
 _NOTHING_HEARD = NOTE_MIN - 1
+_KEPT = 4096
 
 
 class Moment(NamedTuple):
@@ -56,6 +59,7 @@ class Observing:
         self._system = scene.system
         sets: dict[tuple[Site, ...], frozenset[Site]] = {}
         self._goals = [sets.setdefault(goals, frozenset(goals)) for goals in scene.goals]
+        self._shown = lru_cache(maxsize=_KEPT)(self._shown_at)
 
     def observations(self, moment: Moment, note_length: int) -> list[Arrays]:
         """Return what each module observes, by number.
@@ -100,13 +104,31 @@ class Observing:
         `standing` has what is on at the places sensed and at its own, `notes` the registers within
         reach that are not empty; `register` is its own. What is no note of the rule is not heard.
         """
-        state = frozenset(standing.values()) | self._system.filled
-        fitting = {at: note for at, note in notes.items() if is_note(note, note_length)}
-        found = self._observation(module, site, (standing, state), fitting, note_length)
+        goals = self._goals[module] if self._goals else frozenset[Site]()
+        # Modules are shown much the same time and again.
+        shown = self._shown(site, goals, tuple(standing.items()))
+        found: Arrays = {key: each.copy() for key, each in shown.items()}
         if note_length:
+            fitting = {at: note for at, note in notes.items() if is_note(note, note_length)}
+            found["notes"] = self._heard(site, fitting, note_length)
             own = register if is_note(register, note_length) else [_NOTHING_HEARD] * note_length
             found["register"] = np.array(own, dtype=np.int32)
         return found
+
+    def may_choose(
+        self, module: int, site: Site, standing: Mapping[Site, Site], action: int
+    ) -> bool:
+        """Return whether a module may choose an action without rounds, as for `seen`."""
+        goals = self._goals[module] if self._goals else frozenset[Site]()
+        shown = self._shown(site, goals, tuple(standing.items()))
+        return bool(shown["action_mask"][action])
+
+    def _shown_at(
+        self, site: Site, goals: frozenset[Site], items: tuple[tuple[Site, Site], ...]
+    ) -> Arrays:
+        standing = dict(items)
+        state = frozenset(standing.values()) | self._system.filled
+        return self._without_notes(site, goals, standing, state)
 
     def _observation(
         self,
@@ -116,10 +138,21 @@ class Observing:
         notes: Mapping[Site, list[int]],
         note_length: int,
     ) -> Arrays:
-        system = self._system
-        standing, state = found_there
-        place = system.place_of(site)
         goals = self._goals[module] if self._goals else frozenset[Site]()
+        found = self._without_notes(site, goals, *found_there)
+        if note_length:
+            found["notes"] = self._heard(site, notes, note_length)
+        return found
+
+    def _without_notes(
+        self,
+        site: Site,
+        goals: frozenset[Site],
+        standing: Mapping[Site, Site],
+        state: AbstractSet[Site],
+    ) -> Arrays:
+        system = self._system
+        place = system.place_of(site)
         shown = [*system.encode_site(site), int(not goals.isdisjoint((site, place)))]
         for near in system.sensed(place):
             if near is None:
@@ -131,21 +164,25 @@ class Observing:
                 there = near
             wanted = near in goals or (there is not None and there in goals)
             shown += [code, int(wanted)]
-        mask = [1]
-        for move in system.moves(site):
-            possible = (
-                move is not None
-                and why_not(move.action, state) is None
-                and all(source in state for source, _ in move.motion)
-            )
-            mask.append(int(possible))
-        found: Arrays = {
+        mask = [1, *(int(_is_possible(move, state)) for move in system.moves(site))]
+        return {
             "observation": np.array(shown, dtype=np.int32),
             "action_mask": np.array(mask, dtype=np.int8),
         }
-        if note_length:
-            silence = [_NOTHING_HEARD] * note_length
-            heard = [notes.get(near, silence) for near in system.reach(place)]
-            heard += [silence] * (system.reach_slots - len(heard))
-            found["notes"] = np.array(heard, dtype=np.int32)
-        return found
+
+    def _heard(
+        self, site: Site, notes: Mapping[Site, list[int]], note_length: int
+    ) -> NDArray[np.int32]:
+        system = self._system
+        silence = [_NOTHING_HEARD] * note_length
+        heard = [notes.get(near, silence) for near in system.reach(system.place_of(site))]
+        heard += [silence] * (system.reach_slots - len(heard))
+        return np.array(heard, dtype=np.int32)
+
+
+def _is_possible(move: Move | None, state: AbstractSet[Site]) -> bool:
+    return (
+        move is not None
+        and is_admissible(move.action, state)
+        and all(source in state for source, _ in move.motion)
+    )

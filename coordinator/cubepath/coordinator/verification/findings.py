@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.errors import bounded
 
 Progress = Callable[[int], object]
@@ -65,6 +64,22 @@ class Verification:
         return found | {"checks": checks, "missing": self.missing._asdict()}
 
 
+class Stage:
+    """Called with a check that fails, and one line on where and why.
+
+    `position` says where in its stage the next failures belong, however late they are found.
+    """
+
+    def __init__(self, failures: Failures, number: int) -> None:
+        """Begin at the front of the stage."""
+        self._failures, self._number = failures, number
+        self.position: tuple[int, ...] = ()
+
+    def __call__(self, check: str, detail: str) -> None:
+        """Take a failure."""
+        self._failures.take((self._number, *self.position), check, detail)
+
+
 class Failures:
     """The first failure of each check, and the number of failures.
 
@@ -74,19 +89,19 @@ class Failures:
 
     def __init__(self, checks: Iterable[str]) -> None:
         """Begin with no failure of any of these checks."""
-        self._first: dict[str, tuple[int, str]] = {}
+        self._first: dict[str, tuple[tuple[int, ...], str]] = {}
         self._count: dict[str, int] = dict.fromkeys(checks, 0)
 
-    def stage(self, number: int) -> Fail:
+    def stage(self, number: int) -> Stage:
         """Return what to call for a failure found in a stage; earlier stages come first."""
+        return Stage(self, number)
 
-        def fail(check: str, detail: str) -> None:
-            known = self._first.get(check)
-            if known is None or number < known[0]:
-                self._first[check] = number, bounded(detail)
-            self._count[check] += 1
-
-        return fail
+    def take(self, place: tuple[int, ...], check: str, detail: str) -> None:
+        """Take a failure; the one with the least place is the first."""
+        known = self._first.get(check)
+        if known is None or place < known[0]:
+            self._first[check] = place, bounded(detail)
+        self._count[check] += 1
 
     def checks(self, unchecked: Mapping[str, str]) -> tuple[Check, ...]:
         """Return all checks; `unchecked` says why one was not made, by its name."""
@@ -99,4 +114,4 @@ class Failures:
 
     def _said(self, name: str) -> str:
         more = self._count[name] - 1
-        return self._first.get(name, (0, ""))[1] + (f" (and {more} more)" if more > 0 else "")
+        return self._first.get(name, ((), ""))[1] + (f" (and {more} more)" if more > 0 else "")

@@ -6,18 +6,24 @@ Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the ga
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from hashlib import sha256
-from itertools import accumulate, groupby
+from typing import NamedTuple
+
+import numpy as np
 
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
 from cubepath.coordinator.verification.free_attempts import Attempts
-from cubepath.coordinator.verification.free_history import Carried, History
+from cubepath.coordinator.verification.free_history import History, Path
 from cubepath.coordinator.verification.free_shown import Shownness, Tails
-from cubepath.coordinator.verification.free_transcript import FreeReading, FreeTranscript
+from cubepath.coordinator.verification.free_transcript import (
+    FreeReading,
+    FreeTranscript,
+    edges_hash,
+)
 from cubepath.coordinator.verification.free_turns import FreePlayer, TurnsOfModules
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.parameters import (
@@ -40,10 +46,22 @@ from cubepath.coordinator.verification.transcript import (
     site_in,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Executed, Summary, encode
+from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    FreeMessage,
+    Passes,
+    Shows,
+    Tail,
+    Tells,
+    Turns,
+    decode_free,
+)
+from cubepath.protocol.wire.messages import Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
 
 FREE_CHECKS = {
@@ -88,7 +106,10 @@ def verify_free(
     """Derive everything in the recording of a run without rounds, and compare.
 
     `rounds` in the result is the greatest level. Nothing is raised, unless the file is changed
-    while it is read. Messages are kept until the end.
+    while it is read. The messages are read twice: for the commits, and what others are compared
+    with, and then one by one, when it is known what was where at which version. A commit takes some
+    200 bytes meanwhile and any other message some 50, whatever their order. Only turns that stand
+    before an earlier one of their module are kept until that comes.
     """
     failures = Failures(FREE_CHECKS)
     for problem in recording.problems:
@@ -98,34 +119,35 @@ def verify_free(
     results = transcript.results
     if results.gap:
         failures.stage(0)("complete", f"{results.gap} messages are missing before the last")
-    history = History(recording.scene, transcript.of_keepers(), failures.stage(1))
+    history = History(recording.scene, transcript.commits, failures.stage(1))
     _check_serials(transcript, failures.stage(1))
     whole = results.summary is not None
     playing = None if player is None else player()
-    rests = _check_said(recording, history, transcript, failures.stage(2), playing)
+    rests = _check_said(recording, history, transcript, failures, playing)
     path = history.path()
-    levels = max((each.moved.level for each in path), default=0)
+    levels = int(path.levels[-1]) if len(path.levels) else 0
     if progress is not None:
         progress(levels)
     cut_off = is_cut_off(recording)
     check_complete(results, failures.stage(0), f"level {levels}", cut_off=cut_off)
-    actions = [each.move.action for each in path]
+    actions = path.actions
     normal_form = cubes_of(actions)
     fail = failures.stage(3)
     digest = _check_edges(path, transcript, fail)
     cubes = recorded_cubes(recording.scene, results, fail)
-    counts = Counter(each.moved.level for each in path)
-    ends = list(accumulate(counts[level] for level in sorted(counts)))
+    # A level above the number of moves was found to be wrong already.
+    steps = np.arange(1, min(levels, len(actions)) + 1)
+    ends = np.searchsorted(path.levels, steps, side="right").tolist()
     check_dependencies(actions, ends, cubes, fail, whole=whole)
     if cubes is not None:
         check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
     check_recorded_certificate(recording.scene, results, actions, fail)
-    carried_out = _check_schedule(recording, history, results.summary, fail)
+    carried_out = _check_schedule(recording, path, results.summary, fail)
     if results.summary is not None:
         expected = {
             "round": levels,
             "rounds": levels,
-            "moves": len(path),
+            "moves": len(actions),
             "reduced_moves": sum(map(len, normal_form)),
             "cubes": len(normal_form),
             "max_cube_dimension": max(map(len, normal_form), default=0),
@@ -148,7 +170,7 @@ def verify_free(
         complete=sound and whole,
         missing=Missing(0, max(results.gap + transcript.losses.count, left_out(recording))),
         checks=checks,
-        moves=len(path),
+        moves=len(actions),
         rounds=levels,
         cubes=len(normal_form),
         path_digest=digest,
@@ -156,8 +178,8 @@ def verify_free(
 
 
 def _check_serials(transcript: FreeTranscript, fail: Fail) -> None:
-    for keeper, commits in sorted(transcript.commits.items()):
-        for number, serial in enumerate(sorted(commits), 1):
+    for keeper in transcript.commits.keepers:
+        for number, serial in enumerate(transcript.commits.serials(keeper), 1):
             if serial != number:
                 fail("serials", f"keeper_{keeper}: commit {serial} comes where {number} is due")
                 break
@@ -167,30 +189,40 @@ def _check_said(
     recording: Recording,
     history: History,
     transcript: FreeTranscript,
-    fail: Fail,
+    failures: Failures,
     playing: FreePlayer | None,
 ) -> bool:
-    """Check all that follows from what was where at which version.
+    """Check all that follows from what was where at which version, message by message.
 
     Return whether everybody rests at the end, and everything is known.
     """
+    fail = failures.stage(2)
     keepers = keepers_of(recording)
     if keepers is None:
         fail("attempts", "without their number it is not known which keeper has what")
         return False
     tiles = Tiles(recording.scene.system, keepers)
-    Attempts(history, transcript, tiles, fail).check()
-    shown = Shownness(history, tiles, fail)
-    shown.check(transcript)
-    summary = transcript.results.summary
-    # Who fails does not wait for what keepers have at the end.
-    settled = summary is not None and summary.ended in ("goal", "max-rounds")
-    has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
-    # Who is dead and not started again does not tell how it ends.
-    open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
-    whole = Tails(history, tiles, fail).check(
-        transcript, keepers, whole=has_end and settled, open_end=open_end
+    checks = _Checks(
+        Attempts(history, transcript, tiles, failures.stage(2)),
+        Shownness(history, transcript, tiles, failures.stage(2)),
+        Tails(history, transcript, tiles, failures.stage(2)),
+        TurnsOfModules(history, transcript, tiles, playing, failures.stage(2)),
     )
+    for record in recording.records:
+        try:
+            message = decode_free(record.data)
+        except InputError:
+            continue  # it is reported already
+        checks.take(record, message)
+    checks.attempts.end()
+    checks.shown.end()
+    summary = transcript.results.summary
+    has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
+    # A run that fails does not wait for what keepers have at the end.
+    settled = summary is not None and summary.ended in ("goal", "max-rounds")
+    # A process that is dead and not started again does not tell how it ends.
+    open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
+    whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
     losses = transcript.losses
     known = processes_of(recording)
     processes = losses.processes if known is None else range(known)
@@ -198,8 +230,38 @@ def _check_said(
     for process in awake if has_end else ():
         why = f"process_{process} does not say that it rests: its last messages may be missing"
         losses.lack(fail, "complete", why, excused=open_end)
-    TurnsOfModules(history, shown, transcript, tiles, fail).check(playing)
+    checks.turns.end()
     return whole and not awake
+
+
+class _Checks(NamedTuple):
+    """What is checked message by message."""
+
+    attempts: Attempts
+    shown: Shownness
+    tails: Tails
+    turns: TurnsOfModules
+
+    def take(self, record: Record, message: FreeMessage) -> None:
+        """Check a message."""
+        where = f"message {record.sequence} ({record.topic})"
+        match message:
+            case Turns():
+                self.turns.turns(message)
+            case Asks():
+                self.attempts.asked(message)
+                self.shown.looks(where, message)
+            case Tells():
+                self.attempts.told(where, message)
+                self.shown.held(where, message)
+            case Passes():
+                self.attempts.told(where, message)
+            case Shows():
+                self.shown.shows(where, record, message)
+            case Tail():
+                self.tails.tail(where, message)
+            case _:
+                pass
 
 
 def _never_began(recording: Recording) -> bool:
@@ -209,27 +271,26 @@ def _never_began(recording: Recording) -> bool:
     return none and (over or max_rounds_in(recording.parameters) == 0)
 
 
-def _check_edges(path: Sequence[Carried], transcript: FreeTranscript, fail: Fail) -> str:
+def _check_edges(path: Path, transcript: FreeTranscript, fail: Fail) -> str:
     """Compare the edges on record with the moves; return the digest of the moves."""
     digest = sha256()
-    left = dict(transcript.edges)
-    for level, group in groupby(path, key=lambda each: each.moved.level):
-        made = [Executed(each.moved.module, each.move.generator, each.moved.at) for each in group]
+    edges, known = transcript.edges, set[int]()
+    for level, made in path.by_level():
         for move in made:
             digest.update(encode([level, move.module, move.generator, move.at]) + b"\n")
-        told = left.pop(level, None)
-        if told is not None and told.moves != made:
+        known.add(level)
+        told = edges.get(level)
+        if told is not None and told != edges_hash(made):
             fail("edges", f"level {level}: the edges are not the moves committed")
         elif told is None and transcript.results.summary is not None:
             fail("edges", f"level {level}: no edges on record")
-    for level in sorted(left):
-        fail("edges", f"level {level}: edges, but no move was committed")
+    for level in edges:
+        if level not in known:
+            fail("edges", f"level {level}: edges, but no move was committed")
     return digest.hexdigest()
 
 
-def _check_schedule(
-    recording: Recording, history: History, summary: Summary | None, fail: Fail
-) -> bool:
+def _check_schedule(recording: Recording, path: Path, summary: Summary | None, fail: Fail) -> bool:
     """Check that moves are those of the schedule, and wait for those before them.
 
     Return whether all of it is carried out.
@@ -248,7 +309,10 @@ def _check_schedule(
         counted = summary.schedule_cubes
         fail("schedule", f"the summary counts {counted} cubes, there are {len(cubes)}")
     due = Counter((move.generator, site_in(move.at)) for cube in cubes for move in cube)
-    made = Counter((each.move.generator, each.move.at) for each in history.carried)
+    made = Counter[tuple[str, Site | None]]()
+    for number, count in Counter(path.numbers.tolist()).items():
+        generator, at, _ = path.known[number]
+        made[generator, site_in(at)] += count
     stray = sorted((made - due).elements(), key=repr)
     if stray:
         fail("schedule", f"{stray[0][0]} at {stray[0][1]!r} is made too often")
@@ -264,7 +328,7 @@ def _check_schedule(
         if (site := site_in(move.at)) is not None
     ]
     check_dependencies(
-        actions, [], [[each] for each in history.actions], partial(_in_order, fail), whole=True
+        actions, [], [[each] for each in path.actions], partial(_in_order, fail), whole=True
     )
     return True
 
@@ -297,15 +361,9 @@ def _check_ended(
         fail("ended", f"it was interrupted, and says {error!r}")
     if summary.ended == "failed" and (not error or "\n" in error):
         fail("ended", f"it failed, and says {error!r}, expected one line")
-    gave_up = {
-        f"module_{turn.module}: {turn.failed}"
-        for turns in transcript.turns.values()
-        for turn in turns.values()
-        if turn.failed is not None
-    }
-    if summary.ended != "goal" and arrived and rests and not gave_up:
+    if summary.ended != "goal" and arrived and rests and not transcript.gave_up:
         fail("ended", f"it says {summary.ended}, and everybody rests at the goal")
     told = error or ""
-    if told.startswith("module_") and told not in gave_up:
+    if told.startswith("module_") and told not in transcript.gave_up:
         why = f"it says {told!r}, which no module says"
         transcript.losses.lack(fail, "ended", why, excused=transcript.losses.of_processes)

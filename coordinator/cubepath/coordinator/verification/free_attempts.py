@@ -6,8 +6,10 @@ versions at which it was committed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 
+from cubepath.coordinator.verification.findings import Stage
 from cubepath.coordinator.verification.free_births import Births
 from cubepath.coordinator.verification.free_history import (
     History,
@@ -21,58 +23,130 @@ from cubepath.coordinator.verification.free_transcript import (
     commit_text,
 )
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by
-from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import (
+    Asks,
     Attempt,
     Decision,
     Entered,
+    Held,
     Inquiry,
     Moved,
     Occupant,
     Passed,
+    Passes,
     Register,
     Settled,
+    Tells,
 )
 from cubepath.protocol.wire.tiles import Tiles
 
+_CHECKED, _GIVEN_UP = 1, 2
+
 
 class Attempts:
-    """The attempts of a run, and what came of them."""
+    """The attempts of a run, and what came of them.
+
+    They are checked as they stand on record. `fail` is given what is wrong with commits by their
+    numbers, so that the first failure is the same however messages are ordered.
+    """
 
     def __init__(
-        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Stage
     ) -> None:
         """Find which attempts were committed."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
-        self._committed: dict[AttemptId, Moved] = {}
         self._births = Births(transcript, tiles, history.system, fail)
-        self._acknowledged = {
-            (name_of(said.part), said.keeper)
-            for said in transcript.said
-            if isinstance(said.part, Settled)
-        }
-        for moved in history.commits:
-            name = name_of(moved)
-            if self._committed.setdefault(name, moved) is not moved:
+        self._known = transcript.attempts
+        self._committed = array("i")
+        """By attempt its commit, -1 if it has none."""
+        self._again: dict[int, list[int]] = {}
+        """The further commits of an attempt, which only a wrong recording has."""
+        self._places = array("i")
+        """By commit its attempt."""
+        self._seen = bytearray()
+        """By attempt whether its commits were checked, 2 if they could not be."""
+        self._elsewhere: set[int] = set()
+        for number, name in enumerate(zip(*reversed(history.attempts), strict=True)):
+            place = self._known.place(name)
+            self._places.append(place)
+            self._grow()
+            if self._committed[place] < 0:
+                self._committed[place] = number
+            else:
+                self._again.setdefault(place, []).append(number)
                 self._fail("attempts", f"{attempt_text(name)} is committed twice")
+        self._grow()
 
-    def check(self) -> None:
-        """Check all commits, and all that keepers say."""
-        for moved in self._history.commits:
-            attempt = self._said.attempts.get(name_of(moved))
-            if attempt is None:
+    def _grow(self) -> None:
+        more = len(self._known) - len(self._committed)
+        if more:
+            self._committed.extend([-1] * more)
+            self._seen.extend([0] * more)
+
+    def asked(self, message: Asks) -> None:
+        """Check what was committed of the attempts that were asked of a keeper."""
+        for part in message.parts:
+            if isinstance(part, Attempt):
+                self._asked(message.keeper, part)
+
+    def _asked(self, keeper: int, attempt: Attempt) -> None:
+        place = self._known.place(name_of(attempt))
+        self._answered(place, attempt)
+        if self._committed[place] < 0 or self._seen[place] != _CHECKED:
+            return
+        first = self._known.chain(place)[0]
+        if keeper != first and place not in self._elsewhere:
+            self._elsewhere.add(place)
+            for number, moved in self._commits_of(place):
+                self._fail.position = (number,)
+                why = f"it was asked of others than keeper_{first}"
+                self._fail("attempts", f"{commit_text(moved)}: {why}")
+            self._fail.position = ()
+
+    def _answered(self, place: int, attempt: Attempt) -> None:
+        if self._seen[place]:
+            return
+        self._seen[place] = _CHECKED
+        for number, moved in self._commits_of(place):
+            self._fail.position = (number,)
+            name = commit_text(moved)
+            if not self._guarded(name, "attempts", self._check_commit, moved, attempt):
+                self._seen[place] = _GIVEN_UP
+        self._fail.position = ()
+
+    def _commits_of(self, place: int) -> Iterator[tuple[int, Moved]]:
+        first = self._committed[place]
+        for number in [first, *self._again.get(place, ())] if first >= 0 else ():
+            yield number, self._history.commits[number]
+
+    def told(self, where: str, message: Passes | Tells) -> None:
+        """Check what a keeper says of attempts."""
+        to = message.process if isinstance(message, Tells) else message.to
+        for part in message.parts:
+            if isinstance(part, Passed):
+                place = self._known.place(name_of(part.attempt))
+                if self._known.is_believed(place):
+                    self._answered(place, part.attempt)
+            if not isinstance(part, Held):
+                said = Said(where, message.keeper, to, part, isinstance(message, Tells))
+                self._guarded(where, "decisions", self._check_said, said)
+
+    def end(self) -> None:
+        """Check that all commits were asked for, and all births."""
+        for number, place in enumerate(self._places):
+            if not self._seen[place]:
+                moved = self._history.commits[number]
+                self._fail.position = (number,)
                 self._lack(
                     "attempts",
                     f"{commit_text(moved)} answers no attempt on record",
                     excused=self._unasked(name_of(moved)),
                 )
-            else:
-                self._guarded(commit_text(moved), "attempts", self._check_commit, moved, attempt)
-        for said in self._said.said:
-            self._guarded(said.where, "decisions", self._check_said, said)
+        self._fail.position = ()
         self._births.check()
 
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
@@ -80,16 +154,23 @@ class Attempts:
 
     def _unasked(self, name: AttemptId) -> bool:
         """Return whether what was asked for an attempt may be lost."""
-        module, epoch, _ = name
-        moved = self._committed.get(name)
-        by_tail = moved and (moved.keeper, moved.serial) not in self._said.announced
-        return bool(by_tail) or self._losses.of_module(module) or self._losses.before(module, epoch)
+        place = self._known.place(name)
+        self._grow()
+        number = self._committed[place]
+        by_tail = number >= 0 and not self._said.commits.announced(number)
+        return by_tail or self._losses.of_attempt(name)
 
-    def _guarded(self, where: str, check: str, do: Callable[..., None], *values: object) -> None:
+    def _committed_as(self, place: int) -> Moved | None:
+        number = self._committed[place]
+        return None if number < 0 else self._history.commits[number]
+
+    def _guarded(self, where: str, check: str, do: Callable[..., None], *values: object) -> bool:
         try:
             do(*values)
         except NO_SITE as error:
             self._fail(check, f"{where}: {type(error).__name__}: {error}")
+            return False
+        return True
 
     # Commits.
 
@@ -107,11 +188,9 @@ class Attempts:
                 self._fail("attempts", f"{name}: the attempt was made from where it does not stand")
         self._check_sensed(moved, attempt)
         self._check_registers(moved, attempt)
-        chain = self._chain(attempt)
+        chain = self._known.chain(self._known.place(name_of(moved)))
         if moved.keeper != chain[-1]:
             self._fail("attempts", f"{name}: the last keeper of its chain is keeper_{chain[-1]}")
-        if not self._said.asked_of.get(name_of(moved), set()) <= {chain[0]}:
-            self._fail("attempts", f"{name}: it was asked of others than keeper_{chain[0]}")
 
     def _before(self, moved: Moved, module: int) -> Standing | None:
         """Return a module as a commit found it."""
@@ -175,17 +254,6 @@ class Attempts:
             if at not in here and shown:
                 self._fail("registers", f"{name}: nobody is at {_text(at)}, {shown} was sensed")
 
-    def _chain(self, attempt: Attempt) -> list[int]:
-        """Return the keepers that an attempt passes through."""
-        labelled = self._system.labels is not None
-        places = [site_in(place) for place, *_ in attempt.notes]
-        for value, _ in attempt.sensed:
-            unit = site_in(value)
-            if unit is not None:
-                places.append(unit if labelled else self._system.place_of(unit))
-        keepers = {self._tiles.keeper_of(place) for place in places if place is not None}
-        return sorted(keepers) or [-1]
-
     # What keepers say.
 
     def _check_said(self, said: Said) -> None:
@@ -194,13 +262,13 @@ class Attempts:
             self._check_entered(said, part)
             return
         name = name_of(part.attempt if isinstance(part, Passed) else part)
-        attempt = self._said.attempts.get(name)
-        if attempt is None:
+        place = self._known.get(name)
+        if place is None:
             why = f"{said.where}: no {attempt_text(name)} is on record"
             self._lack("decisions", why, excused=self._unasked(name))
             return
-        chain = self._chain(attempt)
-        processes = self._said.asked_by.get(attempt.module, ())
+        chain = self._known.chain(place)
+        processes = self._said.asked_by.get(name[0], ())
         if said.to not in (processes if said.told else chain):
             self._lack(
                 "decisions",
@@ -211,23 +279,23 @@ class Attempts:
             self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
         match part:
             case Passed():
-                self._check_passed(said, part, attempt, chain)
+                self._check_passed(said, part, place, chain)
             case Decision():
-                self._check_decision(said, part, name)
+                self._check_decision(said, part, name, place)
             case Settled():
-                moved = self._committed.get(name)
+                moved = self._committed_as(place)
                 if moved is None or moved.keeper != said.to:
                     self._fail("decisions", f"{said.where}: {attempt_text(name)} is acknowledged")
             case _:
                 if said.to != chain[-1]:
                     self._fail("decisions", f"{said.where}: keeper_{said.to} is not the last one")
 
-    def _check_decision(self, said: Said, decision: Decision, name: AttemptId) -> None:
-        moved = self._committed.get(name)
+    def _check_decision(self, said: Said, decision: Decision, name: AttemptId, place: int) -> None:
+        moved = self._committed_as(place)
         if decision.moved is None:
             # Who has acknowledged a commit does not ask; a question that was under way is answered
             # by one who has forgotten it.
-            if moved is not None and (name, said.to) not in self._acknowledged:
+            if moved is not None and (name, said.to) not in self._said.acknowledged:
                 self._lack(
                     "decisions",
                     f"{said.where}: {attempt_text(name)} was not refused",
@@ -254,9 +322,9 @@ class Attempts:
                 self._fail("decisions", f"{said.where}: {name_of_it} has another version")
             self._check_occupant(said.where, site, occupant)
 
-    def _check_passed(self, said: Said, passed: Passed, attempt: Attempt, chain: list[int]) -> None:
-        where, history = said.where, self._history
-        if passed.attempt != attempt:
+    def _check_passed(self, said: Said, passed: Passed, place: int, chain: list[int]) -> None:
+        where, history, attempt = said.where, self._history, passed.attempt
+        if not self._known.is_as(place, attempt):
             self._fail("decisions", f"{where}: another attempt than was made")
         processes = self._said.asked_by.get(attempt.module, ())
         if passed.process not in processes:
@@ -267,14 +335,14 @@ class Attempts:
             )
         if said.keeper in chain[:-1] and said.to != chain[chain.index(said.keeper) + 1]:
             self._fail("decisions", f"{where}: keeper_{said.to} is not the next one")
-        moved = self._committed.get(name_of(attempt))
+        moved = self._committed_as(place)
         so_far = {keeper for keeper in chain if keeper <= said.keeper}
         if moved is not None:
             for key in ("read", "written", "guarded"):
                 due = [each for each in getattr(moved, key) if self._of(each[0]) in so_far]
                 if sorted(getattr(passed, key), key=repr) != sorted(due, key=repr):
                     self._fail("decisions", f"{where}: its units {key} are not those committed")
-        level = self._level_of(passed)
+        level = self._level_of(passed, committed=moved is not None)
         if level is not None and passed.level != level:
             self._fail("decisions", f"{where}: it has level {passed.level}, derived is {level}")
         for value, version, *_ in (*passed.read, *passed.written, *passed.guarded):
@@ -315,7 +383,7 @@ class Attempts:
         labelled = self._system.labels is not None
         return self._tiles.keeper_of(unit if labelled else self._system.place_of(unit))
 
-    def _level_of(self, passed: Passed) -> int | None:
+    def _level_of(self, passed: Passed, *, committed: bool) -> int | None:
         """Return the greatest level of what it depends on so far; None if a version never was."""
         history, found = self._history, [0]
         written = [(unit, version) for unit, version, _ in passed.written]
@@ -324,7 +392,7 @@ class Attempts:
             if unit is None or not history.at_unit(unit, version)[0]:
                 return None
             found.append(history.levels.get(unit, [0])[version])
-        if name_of(passed.attempt) in self._committed:
+        if committed:
             for value, version in written:
                 unit = site_in(value)
                 if unit is not None:
@@ -348,12 +416,8 @@ class Attempts:
 
     def _number_at(self, occupant: Occupant) -> int:
         """Return the module's last committed attempt of this epoch that changed it, up to then."""
-        history = self._history
-        for standing in reversed(history.modules[occupant.module][1 : occupant.version + 1]):
-            moved = history.commits[standing.commit]
-            if moved.module == occupant.module:
-                return moved.number if moved.epoch == occupant.epoch else 0
-        return 0
+        moved = self._history.own_commit(occupant.module, occupant.version)
+        return moved.number if moved is not None and moved.epoch == occupant.epoch else 0
 
     def _check_entered(self, said: Said, entered: Entered) -> None:
         self._births.answered(said, entered)

@@ -72,7 +72,7 @@ class Births:
                         excused=self._losses.of_module(module)
                         or self._losses.before(module, known[birth]),
                     )
-        for name in sorted(self._said.attempts):
+        for name in self._said.attempts:
             if name[1] not in self._births.get(name[0], {}).values():
                 self._lack(
                     "entries",

@@ -3,17 +3,23 @@
 Room: coordinator. Part of `cubepath verify`. Commits are put in an order in which they can have
 happened, by the versions that they name, and carried out one after another; so there is the site at
 every version of every unit, and the place and the register of every module at its versions. It
-shares only the catalogue and the tiles with a run.
+shares only the catalogue and the tiles with a run. A version takes some numbers in arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from heapq import heapify, heappop, heappush
-from itertools import pairwise
+from functools import lru_cache, partial
+from itertools import chain, groupby, pairwise
+from operator import itemgetter
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.verification.free_order import GUARD, READ, AtVersion, Touches, in_order
 from cubepath.coordinator.verification.free_transcript import commit_text
 from cubepath.coordinator.verification.free_units import (
     NO_SITE,
@@ -31,9 +37,11 @@ from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved, Register
-from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.messages import Executed, encode
 
 _START = [0]
+_EMPTY: Register = []
+_KEPT = 1 << 14
 
 
 class Standing(NamedTuple):
@@ -41,8 +49,6 @@ class Standing(NamedTuple):
 
     site: Site
     note: Register
-    commit: int
-    """The commit that made the version; -1 for the start."""
     since: int
     """The version at which it came to this site."""
 
@@ -56,125 +62,217 @@ class There(NamedTuple):
     """The version at which the module came there."""
 
 
-class Carried(NamedTuple):
-    """A move of the run, in an order in which the moves can have happened."""
+class Path(NamedTuple):
+    """The moves of a run in canonical order: by level, then by generator and place."""
 
-    moved: Moved
-    move: Move
-    level: int
+    commits: NDArray[np.int32]
+    levels: NDArray[np.int64]
+    """The level of each as its commit has it."""
+    modules: NDArray[np.int64]
+    """The mover of each."""
+    numbers: NDArray[np.int32]
+    """Which of `known` each is."""
+    known: Sequence[tuple[str, Json, Action]]
+    """Each generator with where it is placed, as it is told, and the action."""
+
+    @property
+    def actions(self) -> list[Action]:
+        """The edge path."""
+        return [self.known[number][2] for number in self.numbers.tolist()]
+
+    def by_level(self) -> Iterator[tuple[int, list[Executed]]]:
+        """Yield the moves level by level."""
+        rows = zip(self.levels.tolist(), self.modules.tolist(), self.numbers.tolist(), strict=True)
+        for level, group in groupby(rows, key=itemgetter(0)):
+            yield level, [Executed(module, *self.known[each][:2]) for _, module, each in group]
 
 
 @dataclass(slots=True)
-class _Unit:
-    """The commits that touch a unit, by the version that they find."""
+class _Versions:
+    """What was at a place, or of a module, by version; for what nothing is, -1."""
 
-    writers: dict[int, list[int]] = field(default_factory=dict)
-    readers: dict[int, list[int]] = field(default_factory=dict)
-    guards: dict[int, list[int]] = field(default_factory=dict)
+    site: array[int] = field(default_factory=lambda: array("i"))
+    """Which of the sites."""
+    module: array[int] = field(default_factory=lambda: array("i"))
+    """The module at a place."""
+    since: array[int] = field(default_factory=lambda: array("i"))
+    """The version of the module at which it came there."""
+    noted: array[int] = field(default_factory=lambda: array("i"))
+    """The commit that wrote the register of a module."""
+    own: array[int] = field(default_factory=lambda: array("i"))
+    """The last commit of an attempt of a module itself."""
 
 
 class History:
     """A run without rounds, derived; `fail` is called for each violation."""
 
-    def __init__(self, scene: Scene, commits: Iterable[Moved], fail: Fail) -> None:
+    def __init__(self, scene: Scene, commits: Sequence[Moved], fail: Fail) -> None:
         """Order the commits and carry them out."""
         self.scene, self.system = scene, scene.system
-        self.commits: Sequence[Moved] = list(commits)
+        self.commits = commits
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
-        self.notes: list[Register] = [[] for _ in scene.start]
-        self.modules = [[Standing(site, [], -1, 0)] for site in scene.start]
-        """By module what it was at each of its versions."""
-        self.places: dict[Site, list[There]] = {}
-        self.shows: dict[Site, list[Site | None]] = {}
-        """By unit the site that was on at each version, once it was touched."""
-        self.reads: dict[Site, list[int]] = {}
+        self.reads: dict[Site, array[int]] = {}
         """By unit how often each version was read."""
-        self.levels: dict[Site, list[int]] = {}
+        self.levels: dict[Site, array[int]] = {}
         """By unit the level of the commit that wrote each version, 0 for the start."""
-        self.read_levels: dict[Site, list[int]] = {}
+        self.read_levels: dict[Site, array[int]] = {}
         """By unit the greatest level of those that read each version."""
-        self.carried: list[Carried] = []
-        self.order: dict[int, int] = {}
-        """By commit the place at which it was carried out."""
         self._fail = fail
-        self._units: dict[Site, _Unit] = {}
-        self._changers: dict[int, dict[int, list[int]]] = {}
-        self._holders: dict[int, dict[int, list[int]]] = {}
+        self._site_numbers: dict[Site, int] = {}
+        self._each_site: list[Site] = []
+        self._modules = [_Versions() for _ in scene.start]
+        self._places: dict[Site, _Versions] = {}
+        self._shows: dict[Site, array[int]] = {}
+        """By unit the site that was on at each version, once it was touched."""
         self._standing = {scene.system.place_of(site): site for site in scene.start}
         self._module_at = {
             scene.system.place_of(site): module for module, site in enumerate(scene.start)
         }
         self._start = {**self._standing}, {**self._module_at}
-        for number, moved in enumerate(self.commits):
-            self._sort(number, moved)
-        self._check_versions()
-        for number in self._in_order():
+        self._known: dict[tuple[str, bytes], int] = {}
+        self._moves: list[tuple[str, Json, Action]] = []
+        self._carried = array("i"), array("q"), array("q"), array("i")
+        """The moves as they were carried out: commit, level, module, and which move it is."""
+        self.units_of = lru_cache(maxsize=_KEPT)(partial(units_of, self.system))
+        for module, site in enumerate(scene.start):
+            _add(self._modules[module], site=self._number(site), since=0, noted=-1, own=-1)
+        self.attempts = array("q"), array("q"), array("q")
+        """Of which attempt each commit is: its number, its epoch, its module."""
+        self.order = self._ordered()
+        """The commits in an order in which they can have happened."""
+        for number in self.order:
             self._carry_out(number)
+
+    def _number(self, site: Site | None) -> int:
+        if site is None:
+            return -1
+        number = self._site_numbers.setdefault(site, len(self._each_site))
+        if number == len(self._each_site):
+            self._each_site.append(site)
+        return number
+
+    def _site(self, number: int) -> Site | None:
+        return None if number < 0 else self._each_site[number]
 
     # What is known of a version.
 
     def at_unit(self, unit: Site, version: int) -> tuple[bool, Site | None]:
         """Return whether a unit ever had a version, and the site that was on then."""
-        known = self.shows.get(unit)
+        known = self._shows.get(unit)
         if known is None:
             return version == 0, self._at_start(unit)
-        return version < len(known), known[version] if version < len(known) else None
+        if version >= len(known):
+            return False, None
+        return True, self._site(known[version])
 
     def at_place(self, place: Site, version: int) -> There | None:
         """Return what was at a place at a version; None if it never had it."""
-        known = self.places.get(place)
+        known = self._places.get(place)
         if known is None:
             standing, modules = self._start
             there = There(standing.get(place), modules.get(place), 0)
             return there if version == 0 else None
-        return known[version] if version < len(known) else None
+        if version >= len(known.site):
+            return None
+        module = known.module[version]
+        site = self._site(known.site[version])
+        return There(site, None if module < 0 else module, known.since[version])
 
     def module(self, module: int, version: int) -> Standing | None:
         """Return where a module stood at a version, and its register; None if it never had it."""
-        if not 0 <= module < len(self.modules) or version >= len(self.modules[module]):
+        if not 0 <= module < len(self._modules) or version >= len(self._modules[module].site):
             return None
-        return self.modules[module][version]
+        known = self._modules[module]
+        site = self._each_site[known.site[version]]
+        return Standing(site, self._note(module, known.noted[version]), known.since[version])
+
+    def _note(self, module: int, commit: int) -> Register:
+        if commit < 0:
+            return _EMPTY
+        return next(
+            note
+            for _, each, _, note in reversed(self.commits[commit].notes)
+            if each == module and note is not None
+        )
+
+    def own_commit(self, module: int, version: int) -> Moved | None:
+        """Return the last commit of a module's own attempts that changed it, up to a version."""
+        number = self._modules[module].own[version]
+        return None if number < 0 else self.commits[number]
 
     def _at_start(self, unit: Site) -> Site | None:
         return on_unit(self.system, unit, self._start[0])
 
-    # Versions.
+    # An order in which all can have happened.
 
-    def _sort(self, number: int, moved: Moved) -> None:
-        def unit_of(value: Json) -> _Unit:
-            site = unit_in(self.system, value)
-            if site is None:
+    def _ordered(self) -> array[int]:
+        units, modules = Touches(), Touches()
+        keepers, attempts = array("q"), self.attempts
+        for number, moved in enumerate(self.commits):
+            self._sort(number, moved, units, modules)
+            keepers.append(moved.keeper)
+            for column, value in zip(
+                attempts, (moved.number, moved.epoch, moved.module), strict=True
+            ):
+                column.append(value)
+        units.sort()
+        modules.sort()
+        self._check_versions(units, modules)
+        edges = chain(units.edges(), modules.edges(), _in_turn(keepers, attempts))
+        found, stuck = in_order(len(self.commits), edges)
+        if stuck is not None:
+            self._fail(
+                "order",
+                f"{commit_text(self.commits[stuck])} and others come each before the other by"
+                " their versions, guards and numbers",
+            )
+        return found
+
+    def _sort(self, number: int, moved: Moved, units: Touches, modules: Touches) -> None:
+        def add(value: Json, version: int, what: int) -> None:
+            unit = unit_in(self.system, value)
+            if unit is None:
                 self._fail("units", f"{commit_text(moved)}: {value!r} is no unit")
-                return _Unit()
-            return self._units.setdefault(site, _Unit())
+            else:
+                units.add(unit, version, what, number)
 
         for value, version in moved.read:
-            unit_of(value).readers.setdefault(version, []).append(number)
-        for value, version, _ in moved.written:
-            unit_of(value).writers.setdefault(version, []).append(number)
+            add(value, version, READ)
+        for value, version, reads in moved.written:
+            add(value, version, reads)
         for value, version in moved.guarded:
-            unit_of(value).guards.setdefault(version, []).append(number)
+            add(value, version, GUARD)
         for module, version in changed_by(moved).items():
-            self._changers.setdefault(module, {}).setdefault(version, []).append(number)
+            modules.add(module, version - 1, 0, number)
         for module, version in held_by(moved).items():
-            self._holders.setdefault(module, {}).setdefault(version, []).append(number)
+            modules.add(module, version, READ, number)
 
-    def _check_versions(self) -> None:
-        for unit, known in self._units.items():
-            last = len(known.writers)
-            for version, writers in sorted(known.writers.items()):
-                self._check_one(site_text(unit), version, writers, follows=version < last)
-                found = len(known.readers.get(version, ()))
-                self._check_readers(unit, version, writers, found)
-            self._check_seen(site_text(unit), last, known.readers)
-            self._check_seen(site_text(unit), last, known.guards)
-        for module, changers in self._changers.items():
-            for version, users in sorted(changers.items()):
-                follows = 1 <= version <= len(changers)
-                self._check_one(f"module_{module}", version, users, follows=follows)
-        for module, holders in self._holders.items():
-            self._check_seen(f"module_{module}", len(self._changers.get(module, ())), holders)
+    def _check_versions(self, units: Touches, modules: Touches) -> None:
+        for unit, ended, versions in units:
+            late: list[AtVersion] = []
+            for at in versions:
+                if at.writers:
+                    what = site_text(unit)
+                    self._check_one(what, at.version, at.writers, follows=at.version < ended)
+                    self._check_readers(what, at)
+                if at.version > ended:
+                    late.append(at)
+            seen = chain(((at, at.readers) for at in late), ((at, at.guards) for at in late))
+            for at, users in seen:
+                self._check_seen(site_text(unit), at.version, users)
+        self._check_modules(modules)
+
+    def _check_modules(self, modules: Touches) -> None:
+        for module, ended, versions in modules:
+            for at in versions:
+                if at.writers:
+                    follows, version = 0 <= at.version < ended, at.version + 1
+                    self._check_one(f"module_{module}", version, at.writers, follows=follows)
+        for module, ended, versions in modules:
+            for at in versions:
+                if at.version > ended:
+                    self._check_seen(f"module_{module}", at.version, at.readers)
 
     def _check_one(self, what: str, version: int, users: list[int], *, follows: bool) -> None:
         first, *more = users
@@ -185,119 +283,54 @@ class History:
             name = commit_text(self.commits[first])
             self._fail("versions", f"{name}: version {version} of {what} follows on none")
 
-    def _check_seen(self, what: str, last: int, seen: dict[int, list[int]]) -> None:
-        for version, users in sorted(seen.items()):
-            if version > last:
-                name = commit_text(self.commits[users[0]])
-                self._fail("versions", f"{name}: {what} never had version {version}")
+    def _check_seen(self, what: str, version: int, users: list[int]) -> None:
+        if users:
+            name = commit_text(self.commits[users[0]])
+            self._fail("versions", f"{name}: {what} never had version {version}")
 
-    def _check_readers(self, unit: Site, version: int, writers: list[int], found: int) -> None:
-        moved = self.commits[writers[0]]
-        told = next(
-            reads for value, at, reads in moved.written if (site_in(value), at) == (unit, version)
-        )
+    def _check_readers(self, what: str, at: AtVersion) -> None:
+        told, found = at.counted[0], len(at.readers)
         if told != found:
+            moved = self.commits[at.writers[0]]
             self._fail(
                 "readers",
-                f"{commit_text(moved)} counts {told} readers of version {version} of"
-                f" {site_text(unit)}, on record are {found}",
+                f"{commit_text(moved)} counts {told} readers of version {at.version} of"
+                f" {what}, on record are {found}",
             )
-
-    # An order in which all can have happened.
-
-    def _edges(self) -> Iterator[tuple[int, int]]:
-        """Yield pairs of commits of which the first came before the second."""
-        for known in self._units.values():
-            for version, writers in known.writers.items():
-                users = [
-                    *known.readers.get(version, ()),
-                    *known.guards.get(version, ()),
-                ]
-                yield from ((user, writer) for user in users for writer in writers[:1])
-                after = [
-                    *users_of(known, version + 1),
-                    *known.writers.get(version + 1, ())[:1],
-                ]
-                yield from ((writers[0], user) for user in after)
-        for module, changers in self._changers.items():
-            holders = self._holders.get(module, {})
-            for version, users in changers.items():
-                yield from ((user, users[0]) for user in holders.get(version - 1, ()))
-                after = [*holders.get(version, ()), *changers.get(version + 1, ())[:1]]
-                yield from ((users[0], user) for user in after)
-        last: dict[int, int] = {}
-        epochs: dict[int, list[tuple[int, int, int]]] = {}
-        for number, moved in enumerate(self.commits):
-            if moved.keeper in last:
-                yield last[moved.keeper], number
-            last[moved.keeper] = number
-            epochs.setdefault(moved.module, []).append((moved.epoch, moved.number, number))
-        for attempts in epochs.values():
-            attempts.sort()
-            for (*_, one), (*_, two) in pairwise(attempts):
-                yield one, two
-
-    def _in_order(self) -> list[int]:
-        before = [0] * len(self.commits)
-        after: list[list[int]] = [[] for _ in self.commits]
-        for one, two in self._edges():
-            if one != two:
-                after[one].append(two)
-                before[two] += 1
-        ready = [number for number, count in enumerate(before) if not count]
-        heapify(ready)
-        found: list[int] = []
-        while ready:
-            number = heappop(ready)
-            found.append(number)
-            for each in after[number]:
-                before[each] -= 1
-                if not before[each]:
-                    heappush(ready, each)
-        if len(found) < len(self.commits):
-            stuck = min(number for number, count in enumerate(before) if count)
-            self._fail(
-                "order",
-                f"{commit_text(self.commits[stuck])} and others come each before the other by"
-                " their versions, guards and numbers",
-            )
-        return found
 
     # Carrying out.
 
     def _carry_out(self, number: int) -> None:
         moved = self.commits[number]
-        self.order[number] = len(self.order)
         if moved.generator is None:
             if moved.level or moved.read or moved.written or moved.motion or moved.guarded:
                 self._fail("units", f"{commit_text(moved)} makes no move, expected registers alone")
         else:
             try:
-                self._move(moved)
+                self._move(number, moved)
             except NO_SITE as error:
                 self._fail("units", f"{commit_text(moved)}: {error}")
         contents = {module: note for _, module, _, note in moved.notes}
+        moves = {module for module, *_ in moved.motion}
         for module in changed_by(moved):
-            if 0 <= module < len(self.sites):
-                note = contents.get(module)
-                if note is not None:
-                    self.notes[module] = note
-                self._stands(module, number)
+            if not 0 <= module < len(self.sites):
+                continue
+            known = self._modules[module]
+            _add(
+                known,
+                site=self._number(self.sites[module]),
+                since=len(known.site) if module in moves else known.since[-1],
+                noted=known.noted[-1] if contents.get(module) is None else number,
+                own=number if moved.module == module else known.own[-1],
+            )
 
-    def _stands(self, module: int, commit: int) -> None:
-        known = self.modules[module]
-        before, site = known[-1], self.sites[module]
-        moves = module in {each for each, *_ in self.commits[commit].motion}
-        since = len(known) if moves else before.since
-        known.append(Standing(site, self.notes[module], commit, since))
-
-    def _move(self, moved: Moved) -> None:
+    def _move(self, number: int, moved: Moved) -> None:
         move = self._named(moved)
         if move is None:
             self._fail("units", f"{commit_text(moved)}: no module makes {moved.generator!r} so")
             return
         self._check_motion(moved, move)
-        reads, writes = units_of(self.system, move)
+        reads, writes = self.units_of(move.action)
         told = [site_in(unit) for unit, _ in moved.read], [site_in(u) for u, *_ in moved.written]
         for what, due, found in (("reads", reads, told[0]), ("writes", writes, told[1])):
             if frozenset(found) != due or len(found) != len(due):
@@ -315,7 +348,14 @@ class History:
         make(move.action, self.state)
         self._take_along(move)
         self._count(reads, writes, level)
-        self.carried.append(Carried(moved, move, level))
+        key = move.generator, encode(moved.at)
+        known = self._known.setdefault(key, len(self._moves))
+        if known == len(self._moves):
+            self._moves.append((move.generator, moved.at, move.action))
+        for column, value in zip(
+            self._carried, (number, moved.level, moved.module, known), strict=True
+        ):
+            column.append(value)
 
     def _named(self, moved: Moved) -> Move | None:
         """Return the move of a commit from where its module stands."""
@@ -346,9 +386,9 @@ class History:
         taken = [(self._module_at.get(place_of(source)), to) for source, to in move.motion]
         places = dict.fromkeys(place_of(site) for site in move.action.trace)
         for place in places:
-            self.places.setdefault(
-                place, [There(self._start[0].get(place), self._start[1].get(place), 0)]
-            )
+            if place not in self._places:
+                self._places[place] = _Versions()
+                self._stands_at(place, self._start[0].get(place), self._start[1].get(place), 0)
             self._standing.pop(place, None)
             self._module_at.pop(place, None)
         for module, target in taken:
@@ -358,37 +398,49 @@ class History:
                 self.sites[module] = target
         for place in places:
             module = self._module_at.get(place)
-            since = 0 if module is None else len(self.modules[module])
-            self.places[place].append(There(self._standing.get(place), module, since))
+            since = 0 if module is None else len(self._modules[module].site)
+            self._stands_at(place, self._standing.get(place), module, since)
+
+    def _stands_at(self, place: Site, site: Site | None, module: int | None, since: int) -> None:
+        number = -1 if module is None else module
+        _add(self._places[place], site=self._number(site), module=number, since=since)
 
     def _count(self, reads: frozenset[Site], writes: frozenset[Site], level: int) -> None:
         for unit in reads | writes:
-            self.shows.setdefault(unit, [self._at_start(unit)])
-            self.reads.setdefault(unit, [0])
-            self.levels.setdefault(unit, [0])
-            self.read_levels.setdefault(unit, [0])
+            if unit not in self._shows:
+                self._shows[unit] = array("i", [self._number(self._at_start(unit))])
+                for each in (self.reads, self.levels, self.read_levels):
+                    each[unit] = array("i", _START)
         for unit in reads:
             self.reads[unit][-1] += 1
             self.read_levels[unit][-1] = max(level, self.read_levels[unit][-1])
         for unit in writes:
-            self.shows[unit].append(on_unit(self.system, unit, self._standing))
+            self._shows[unit].append(self._number(on_unit(self.system, unit, self._standing)))
             self.reads[unit].append(0)
             self.levels[unit].append(level)
             self.read_levels[unit].append(0)
 
-    def path(self) -> list[Carried]:
-        """Return the moves in canonical order: by level, then by generator and place."""
-        return sorted(
-            self.carried,
-            key=lambda each: (each.moved.level, each.move.generator, encode(each.moved.at)),
-        )
-
-    @property
-    def actions(self) -> list[Action]:
-        """Return the edge path in canonical order."""
-        return [each.move.action for each in self.path()]
+    def path(self) -> Path:
+        """Return the moves in canonical order."""
+        commits, levels, modules, numbers = (np.asarray(each) for each in self._carried)
+        rank = np.zeros(len(self._known), np.int32)
+        rank[[self._known[key] for key in sorted(self._known)]] = np.arange(len(self._known))
+        order = np.lexsort((rank[numbers], levels))
+        return Path(commits[order], levels[order], modules[order], numbers[order], self._moves)
 
 
-def users_of(known: _Unit, version: int) -> list[int]:
-    """Return the commits that read a version or were guarded by it."""
-    return [*known.readers.get(version, ()), *known.guards.get(version, ())]
+def _add(rows: _Versions, **values: int) -> None:
+    for name, value in values.items():
+        getattr(rows, name).append(value)
+
+
+def _in_turn(keepers: Sequence[int], attempts: Sequence[array[int]]) -> Iterator[tuple[int, int]]:
+    """Yield pairs of commits that a keeper made, or a module asked for, one after the other."""
+    for number, (one, two) in enumerate(pairwise(keepers)):
+        if one == two:
+            yield number, number + 1
+    modules = attempts[-1]
+    order = np.lexsort([np.asarray(each) for each in attempts])
+    for one, two in pairwise(order.tolist()):
+        if modules[one] == modules[two]:
+            yield one, two

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.number_table import Name, NumberTable
 from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
@@ -20,7 +22,6 @@ from cubepath.protocol.wire.free_messages import (
     Tail,
     Tells,
     Turns,
-    free_sender,
 )
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 
@@ -32,11 +33,11 @@ class Losses:
 
     def __init__(self) -> None:
         """Begin before the first message."""
-        self._said: dict[tuple[str, int], dict[int, int]] = {}
+        self._said: dict[tuple[str, int], NumberTable] = {}
         """By sender and birth the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}
         """By sender and birth the greatest number that is told."""
-        self._speakers: dict[int, set[str]] = {}
+        self._speakers: dict[int, set[int]] = {}
         """By module the processes that spoke for it."""
         self._entered: dict[tuple[int, int], int] = {}
         """By module and epoch the birth in which it entered."""
@@ -44,32 +45,36 @@ class Losses:
         """By process the birth and the number of the last message with which it did anything."""
         self._rested: dict[int, tuple[int, int]] = {}
         """By process the birth and the number at which it said last that it rests."""
-        self._lacking: dict[str, tuple[int, str]] = {}
+        self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
-    def take(self, where: str, message: FreeMessage, data: bytes, fail: Fail) -> None:
+    def take(self, where: str, message: FreeMessage, sender: str, data: bytes, fail: Fail) -> None:
         """Take note of the number of a message."""
         self._take_parts(message)
         number = getattr(message, "said", 0)
         if not number:
             return
-        key = free_sender(message), getattr(message, "birth", 0)
-        self._last[key] = max(self._last.get(key, 0), number)
+        key = sender, getattr(message, "birth", 0)
+        if number > self._last.get(key, 0):
+            self._last[key] = number
         if isinstance(message, Rest | Tail):
             return
         # Only whether it is the same is asked, and that within one process: any hash will do.
         content = hash(data)
-        if self._said.setdefault(key, {}).setdefault(number, content) != content:
+        said = self._said.get(key)
+        if said is None:
+            said = self._said[key] = NumberTable()
+        if said.setdefault(number, content) != content:
             name, birth = key
             fail("messages", f"{where}: message {number} of {name} in birth {birth} was another")
 
     def _take_parts(self, message: FreeMessage) -> None:
+        """Take note of who speaks for modules, of births in which they entered, and of rest."""
         match message:
             case Asks(process=process, parts=parts) | Turns(process=process, parts=parts):
-                for part in parts:
-                    module = getattr(part, "module", None)
-                    if module is not None:
-                        self._speakers.setdefault(module, set()).add(process_name(process))
-                if not all(isinstance(part, Look) for part in parts):
+                modules = [part.module for part in parts if not isinstance(part, Look)]
+                for module in modules:
+                    self._speakers.setdefault(module, set()).add(process)
+                if modules:
                     at = message.birth, message.said
                     self._acted[process] = max(self._acted.get(process, at), at)
             case Rest(process=process):
@@ -104,7 +109,14 @@ class Losses:
     def of_module(self, module: int) -> bool:
         """Return whether anything is missing that may have been said for a module."""
         speakers = self._speakers.get(module)
-        return self.of_processes if speakers is None else any(map(self.of, speakers))
+        if speakers is None:
+            return self.of_processes
+        return any(self.of(process_name(process)) for process in speakers)
+
+    def of_attempt(self, name: Name) -> bool:
+        """Return whether what was asked for an attempt may be missing."""
+        module, epoch, _ = name
+        return self.of_module(module) or self.before(module, epoch)
 
     def of_keepers(self, keepers: Iterable[int]) -> bool:
         """Return whether anything is missing that one of these keepers said."""
@@ -143,13 +155,16 @@ class Losses:
         if not excused:
             fail(check, why)
             return
-        count, first = self._lacking.get(check, (0, why))
-        self._lacking[check] = count + 1, first
+        position = fail.position if isinstance(fail, Stage) else ()
+        count, known, first = self._lacking.get(check, (0, position, why))
+        if position < known:
+            known, first = position, why
+        self._lacking[check] = count + 1, known, first
 
     @property
     def unchecked(self) -> Mapping[str, str]:
         """Return in one line why checks were not made everywhere, by their names."""
         return {
             check: f"not checked: {count} with messages that are missing, the first: {first}"
-            for check, (count, first) in self._lacking.items()
+            for check, (count, _, first) in self._lacking.items()
         }

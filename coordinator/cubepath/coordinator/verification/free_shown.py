@@ -5,64 +5,75 @@ Room: coordinator. Part of `cubepath verify`.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
+from itertools import pairwise
+from typing import TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.verification.findings import Stage
 from cubepath.coordinator.verification.free_history import History
-from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.free_units import NO_SITE, unit_in
+from cubepath.coordinator.verification.number_table import NumberTable
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.wire.free_messages import Held, Shown, Shows, Tail
+from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows, Tail, Tells
+from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.tiles import Tiles
+
+Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
+_BLOCK = 1 << 14
 
 
 class Shownness:
-    """What was shown of each place, by version."""
+    """Whether what was shown was there, and goes on with the serial numbers of its tile."""
 
-    def __init__(self, history: History, tiles: Tiles, fail: Fail) -> None:
-        """Begin with nothing shown."""
-        self._history, self._tiles, self._fail = history, tiles, fail
-        self._system = history.system
-        self._losses = Losses()
-        self.versions: dict[Site, set[tuple[int, int]]] = {}
-        """By place the versions of it and of its module that were ever shown."""
-        self.place_versions: dict[Site, set[int]] = {}
-        """By place the versions of it that were ever shown."""
-        self._looks: set[tuple[int, str]] = set()
-        self._changes: dict[tuple[str, int], Shows] = {}
-        self._by_serial: dict[tuple[str, int, Site], Shown] = {}
+    def __init__(
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Stage
+    ) -> None:
+        """Know what was where, and what was asked for."""
+        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
+        self._system, self._losses = history.system, transcript.losses
+        self._changes: dict[str, NumberTable] = {}
+        """By tile the hash of what each change has shown."""
+        self._serials = Serials()
 
-    def check(self, transcript: FreeTranscript) -> None:
-        """Check all that was shown."""
-        self._losses = transcript.losses
-        self._looks = {(keeper, look.tile) for _, keeper, look in transcript.looks}
-        for where, message in transcript.shown:
-            try:
-                self._check(where, message)
-            except NO_SITE as error:
-                self._fail("shown", f"{where}: {type(error).__name__}: {error}")
-        for where, keeper, held in transcript.held:
-            try:
-                self._check_held(where, keeper, held, transcript)
-            except NO_SITE as error:
-                self._fail("shown", f"{where}: {type(error).__name__}: {error}")
-        for where, keeper, look in transcript.looks:
-            if self._tiles.keeper_of_tile(look.tile) != keeper:
-                self._fail("shown", f"{where}: keeper_{keeper} does not have tile {look.tile}")
-        self._check_serials()
+    def shows(self, where: str, record: Record, message: Shows) -> None:
+        """Check what is shown of a tile."""
+        self._fail.position = 0, self._serials.begin(record, message)
+        try:
+            self._check(where, message)
+        except NO_SITE as error:
+            self._fail("shown", f"{where}: {type(error).__name__}: {error}")
 
-    def _take(self, place: Site, part: Shown) -> None:
-        self.versions.setdefault(place, set()).add((part.version, part.module_version))
-        self.place_versions.setdefault(place, set()).add(part.version)
+    def held(self, where: str, message: Tells) -> None:
+        """Check what a keeper holds."""
+        for part in message.parts:
+            if isinstance(part, Held):
+                self._fail.position = (1,)
+                try:
+                    self._check_held(where, message.keeper, part)
+                except NO_SITE as error:
+                    self._fail("shown", f"{where}: {type(error).__name__}: {error}")
 
-    def _check_held(self, where: str, keeper: int, held: Held, transcript: FreeTranscript) -> None:
+    def looks(self, where: str, message: Asks) -> None:
+        """Check who is asked for tiles."""
+        for part in message.parts:
+            if isinstance(part, Look) and self._tiles.keeper_of_tile(part.tile) != message.keeper:
+                self._fail.position = (2,)
+                why = f"keeper_{message.keeper} does not have tile {part.tile}"
+                self._fail("shown", f"{where}: {why}")
+
+    def _check_held(self, where: str, keeper: int, held: Held) -> None:
         """Check that what is held was asked for, and shows what was there."""
         name = held.module, held.epoch, held.number
-        asked = transcript.holds.get(name)
-        places = [part.place for part in held.parts]
-        if asked is None or asked[0] != keeper or asked[1].places != places:
+        asked = self._said.holds.asked(name, keeper, [part.place for part in held.parts])
+        if not asked:
             self._losses.lack(
                 self._fail,
                 "shown",
@@ -81,12 +92,11 @@ class Shownness:
             if self._tiles.keeper_of(place) != keeper:
                 self._fail("shown", f"{where}: keeper_{keeper} does not have {site_text(place)}")
             self._check_part(where, place, part)
-            self._take(place, part)
 
     def _check(self, where: str, message: Shows) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
             self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
-        if message.whole and (message.keeper, message.tile) not in self._looks:
+        if message.whole and (message.keeper, message.tile) not in self._said.looks:
             self._losses.lack(
                 self._fail,
                 "shown",
@@ -94,8 +104,9 @@ class Shownness:
                 excused=self._losses.of_processes or self._losses.resumed,
             )
         if not message.whole:
-            known = self._changes.setdefault((message.tile, message.serial), message)
-            if known.parts != message.parts:
+            content = hash(encode(message.parts))
+            known = self._changes.setdefault(message.tile, NumberTable())
+            if known.setdefault(message.serial, content) != content:
                 self._fail("shown", f"{where}: change {message.serial} was another before")
         if not message.parts and (message.serial or not message.whole):
             self._fail("shown", f"{where}: change {message.serial} changes nothing")
@@ -109,10 +120,7 @@ class Shownness:
             if self._tiles.tile_of(place) != message.tile:
                 self._fail("shown", f"{where}: {site_text(place)} is not in tile {message.tile}")
             self._check_part(where, place, part)
-            self._take(place, part)
-            before = self._by_serial.setdefault((message.tile, message.serial, place), part)
-            if before != part:
-                self._fail("shown", f"{where}: {site_text(place)} was shown otherwise before")
+            self._serials.take(place, part)
 
     def _check_part(self, where: str, place: Site, part: Shown) -> None:
         there = self._history.at_place(place, part.version)
@@ -148,67 +156,140 @@ class Shownness:
     def _unit_place(self, unit: Site) -> Site:
         return unit if self._system.labels is not None else self._system.place_of(unit)
 
-    def _check_serials(self) -> None:
-        """Check that versions grow with the serial numbers of a tile."""
-        last: dict[Site, Shown] = {}
-        for (tile, serial, place), part in sorted(
-            self._by_serial.items(), key=lambda each: each[0][:2]
-        ):
-            known = last.get(place, part)
-            if part.version < known.version or (
-                part.module == known.module and part.module_version < known.module_version
-            ):
-                self._fail("shown", f"tile {tile}, change {serial}: {site_text(place)} goes back")
-            last[place] = part
+    def end(self) -> None:
+        """Check what was shown of a place with other serial numbers."""
+        for position, why in self._serials.wrong():
+            self._fail.position = position
+            self._fail("shown", why)
+
+
+class Serials:
+    """What each change of a tile has shown of each place: some forty bytes for each."""
+
+    def __init__(self) -> None:
+        """Begin with nothing shown."""
+        self._places: dict[Site, int] = {}
+        self._tiles: dict[str, int] = {}
+        self._topics: dict[str, int] = {}
+        self._messages = array("i"), array("q"), array("i"), array("q")
+        """Of each message its tile, its serial number, its topic, and which it is on record."""
+        self._parts = array("i"), array("i"), *(array("q") for _ in range(4))
+        """Of each place shown its number, message, version, module or -1, its version, and hash."""
+
+    def begin(self, record: Record, message: Shows) -> int:
+        """Begin with a message; return how many were before it."""
+        values = (
+            self._tiles.setdefault(message.tile, len(self._tiles)),
+            message.serial,
+            self._topics.setdefault(record.topic, len(self._topics)),
+            record.sequence,
+        )
+        for column, value in zip(self._messages, values, strict=True):
+            column.append(value)
+        return len(self._messages[0]) - 1
+
+    def take(self, place: Site, part: Shown) -> None:
+        """Take what the message shows of a place."""
+        places, messages, versions, modules, module_versions, hashes = self._parts
+        places.append(self._places.setdefault(place, len(self._places)))
+        messages.append(len(self._messages[0]) - 1)
+        versions.append(part.version)
+        modules.append(-1 if part.module is None else part.module)
+        module_versions.append(part.module_version)
+        hashes.append(hash(encode(part)))
+
+    def wrong(self) -> Iterator[tuple[tuple[int, ...], str]]:
+        """Yield what was shown otherwise before, and what goes back, with where that belongs."""
+        tiles, serials, topics, sequences = map(np.asarray, self._messages)
+        places, messages, *_ = columns = [np.asarray(each) for each in self._parts]
+        names, sites, each_topic = list(self._tiles), list(self._places), list(self._topics)
+        rank = np.argsort(np.argsort(names))
+        order = np.lexsort((messages, serials[messages], rank[tiles][messages], places))
+        for rows in _blocks(order, places):
+            place, message, version, module, module_version, content = (
+                each[rows] for each in columns
+            )
+            tile, serial = tiles[message], serials[message]
+            again = np.zeros(len(rows), np.bool_)
+            again[1:] = _same(place) & _same(tile) & _same(serial)
+            first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
+            for row in np.flatnonzero(content != content[first]).tolist():
+                number = int(message[row])
+                where = f"message {sequences[number]} ({each_topic[topics[number]]})"
+                why = f"{site_text(sites[place[row]])} was shown otherwise before"
+                yield (0, number), f"{where}: {why}"
+            known = np.flatnonzero(~again)
+            back = _same(place[known]) & (
+                (np.diff(version[known]) < 0)
+                | (_same(module[known]) & (np.diff(module_version[known]) < 0))
+            )
+            for row in known[np.flatnonzero(back) + 1].tolist():
+                where = f"tile {names[tile[row]]}, change {serial[row]}"
+                position = 3, int(rank[tile[row]]), int(serial[row]), int(message[row])
+                yield position, f"{where}: {site_text(sites[place[row]])} goes back"
+
+
+def _blocks(order: Rows, places: Rows) -> Iterator[Rows]:
+    """Yield rows some thousand at a time, those of a place never in two."""
+    begins = np.flatnonzero(np.diff(places[order])) + 1
+    wanted = np.arange(_BLOCK, len(order), _BLOCK)
+    cuts = begins[np.searchsorted(begins, wanted).clip(max=len(begins) - 1)] if len(begins) else []
+    for begin, end in pairwise([0, *np.unique(cuts).tolist(), len(order)]):
+        if begin < end:
+            yield order[begin:end]
+
+
+def _same(values: Rows) -> NDArray[np.bool_]:
+    """Return for all but the first whether they are as those before."""
+    return np.equal(values[1:], values[:-1])
 
 
 class Tails:
     """What keepers tell of all their commits and units."""
 
-    def __init__(self, history: History, tiles: Tiles, fail: Fail) -> None:
+    def __init__(
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
+    ) -> None:
         """Know what was derived."""
-        self._history, self._tiles, self._fail = history, tiles, fail
+        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
+        self._last: dict[int, tuple[str, Tail]] = {}
 
-    def check(
-        self, transcript: FreeTranscript, keepers: int, *, whole: bool, open_end: bool
-    ) -> bool:
-        """Check all tails; of a `whole` recording those at the end must fit its end.
+    def tail(self, where: str, tail: Tail) -> None:
+        """Check what a keeper tells of all its commits."""
+        found = len(self._said.commits.serials(tail.keeper))
+        if tail.serial > found:
+            self._fail(
+                "tails",
+                f"{where}: keeper_{tail.keeper} has {tail.serial} commits, on record are {found}",
+            )
+        if len({site_in(unit) for unit, *_ in tail.units}) < len(tail.units):
+            self._fail("tails", f"{where}: a unit comes twice")
+        for unit in tail.units:
+            self._check_unit(where, unit)
+            self._check_keeper(where, tail.keeper, unit_in(self._history.system, unit[0]))
+        self._last[tail.keeper] = where, tail
 
-        With an `open_end` that is not known for certain. Return whether they fit it.
+    def end(self, keepers: int, *, whole: bool, open_end: bool) -> bool:
+        """Check of a `whole` recording that the last tails fit its end; return whether they do.
+
+        With an `open_end` that is not known for certain.
         """
-        last: dict[int, tuple[str, Tail]] = {}
-        for where, tail in transcript.tails:
-            found = len(transcript.commits.get(tail.keeper, ()))
-            if tail.serial > found:
-                self._fail(
-                    "tails",
-                    f"{where}: keeper_{tail.keeper} has {tail.serial} commits, on record are"
-                    f" {found}",
-                )
-            if len({site_in(unit) for unit, *_ in tail.units}) < len(tail.units):
-                self._fail("tails", f"{where}: a unit comes twice")
-            for unit in tail.units:
-                self._check_unit(where, unit)
-                self._check_keeper(where, tail.keeper, unit_in(self._history.system, unit[0]))
-            last[tail.keeper] = where, tail
         odd = [
             why
             for keeper in range(keepers)
-            for why in self._at_the_end(transcript, keeper, last.get(keeper))
+            for why in self._at_the_end(keeper, self._last.get(keeper))
         ]
         for why in odd if whole else ():
-            transcript.losses.lack(self._fail, "tails", why, excused=open_end)
+            self._said.losses.lack(self._fail, "tails", why, excused=open_end)
         return not odd
 
-    def _at_the_end(
-        self, transcript: FreeTranscript, keeper: int, last: tuple[str, Tail] | None
-    ) -> Iterator[str]:
+    def _at_the_end(self, keeper: int, last: tuple[str, Tail] | None) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
             yield f"keeper_{keeper} does not tell how many commits it has"
             return
         where, tail = last
-        if tail.serial != len(transcript.commits.get(keeper, ())):
+        if tail.serial != len(self._said.commits.serials(keeper)):
             yield f"{where}: there are later commits"
         if tail.prepared:
             yield f"{where}: {tail.prepared} attempts are under way at the end"

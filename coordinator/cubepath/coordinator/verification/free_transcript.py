@@ -1,25 +1,44 @@
 """The messages of a run without rounds, by what they are about, before any of it is derived.
 
 Room: coordinator. Part of `cubepath verify`: it shares only the decoding of messages with a run.
+
+No message is kept but for results: of a commit there are its numbers, of the others a few numbers
+and hashes each. Once all commits are known the messages are read again, and checked one by one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
 import msgspec
 
+from cubepath.coordinator.verification.free_asked import (
+    AskedAttempts,
+    AskedHolds,
+    ShownVersions,
+    TurnNumbers,
+    attempt_name,
+)
+from cubepath.coordinator.verification.free_commits import PackedCommits
 from cubepath.coordinator.verification.free_losses import Losses
+from cubepath.coordinator.verification.free_units import NO_SITE
+from cubepath.coordinator.verification.number_table import Name, NumberTable
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
-from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
+from cubepath.coordinator.verification.transcript import (
+    Fail,
+    SharedMoves,
+    Transcript,
+    is_cut_off,
+    site_in,
+)
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
-    Attempt,
     Decision,
     Enter,
     Entered,
@@ -33,18 +52,30 @@ from cubepath.protocol.wire.free_messages import (
     Passes,
     Rest,
     Settled,
+    Shown,
     Shows,
     Tail,
     Tells,
     Turn,
     Turns,
     decode_free,
-    free_topic,
+    free_kind,
+    free_sender,
 )
-from cubepath.protocol.wire.messages import Certified, Cube, Edges, Refused, Summary, encode
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Cube,
+    Edges,
+    Executed,
+    Refused,
+    Summary,
+    encode,
+)
+from cubepath.protocol.wire.tiles import Tiles
 
-AttemptId: TypeAlias = tuple[int, int, int]
+AttemptId: TypeAlias = Name
 """Which attempt: module, epoch, number."""
+_LIMITED = ("keeper", "process", "to", "module")
 
 
 class Said(NamedTuple):
@@ -60,42 +91,31 @@ class Said(NamedTuple):
     """Whether it is said to a process."""
 
 
-class Shown(NamedTuple):
-    """A message that shows a tile, with where it stands."""
-
-    where: str
-    message: Shows
-
-
 @dataclass(slots=True)
 class FreeTranscript:
-    """Everything in the recording of a run without rounds."""
+    """What the messages of a run without rounds say, as far as others are compared with it."""
 
-    attempts: dict[AttemptId, Attempt] = field(default_factory=dict)
-    passed: dict[AttemptId, Attempt] = field(default_factory=dict)
-    """Attempts as keepers pass them on."""
-    asked_of: dict[AttemptId, set[int]] = field(default_factory=dict)
-    """The keepers that each attempt was asked of."""
+    attempts: AskedAttempts
     asked_by: dict[int, set[int]] = field(default_factory=dict)
     """By module the processes that spoke for it."""
-    commits: dict[int, dict[int, Moved]] = field(default_factory=dict)
-    """By keeper and serial number."""
-    said: list[Said] = field(default_factory=list)
-    shown: list[Shown] = field(default_factory=list)
-    turns: dict[int, dict[tuple[int, int], Turn]] = field(default_factory=dict)
-    """By module, then by epoch and turn."""
+    commits: PackedCommits = field(default_factory=PackedCommits)
+    acknowledged: set[tuple[AttemptId, int]] = field(default_factory=set)
+    """The attempts of which a keeper said that it knows of the commit, with that keeper."""
+    shown: dict[Site, ShownVersions] = field(default_factory=dict)
+    """By place what was shown of it."""
+    turns: TurnNumbers = field(default_factory=TurnNumbers)
+    gave_up: set[str] = field(default_factory=set)
+    """Which modules gave up, with their reasons."""
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their births that asked where they stand."""
-    holds: dict[AttemptId, tuple[int, Hold]] = field(default_factory=dict)
-    """By module, epoch and number what was asked to be held, and of which keeper."""
-    held: list[tuple[str, int, Held]] = field(default_factory=list)
-    """What keepers hold, with where that stands and which keeper says it."""
-    looks: list[tuple[str, int, Look]] = field(default_factory=list)
-    tails: list[tuple[str, Tail]] = field(default_factory=list)
-    announced: set[tuple[int, int]] = field(default_factory=set)
-    """The commits, by keeper and serial number, that did not come by a tail alone."""
+    stands: dict[tuple[int, int], Site] = field(default_factory=dict)
+    """Where a module was first told that it stands, by module and epoch."""
+    holds: AskedHolds = field(default_factory=AskedHolds)
+    looks: set[tuple[int, str]] = field(default_factory=set)
+    """Tiles of which all was asked for, with the keeper that was asked."""
     losses: Losses = field(default_factory=Losses)
-    edges: dict[int, Edges] = field(default_factory=dict)
+    edges: NumberTable = field(default_factory=NumberTable)
+    """By level the hash of the coordinator's edges."""
     results: Transcript = field(default_factory=Transcript)
 
     @property
@@ -109,13 +129,7 @@ class FreeTranscript:
         moved = decision.moved
         if moved is None or not self.broken_off:
             return False
-        return moved.serial > max(self.commits.get(moved.keeper, ()), default=0)
-
-    def of_keepers(self) -> Iterator[Moved]:
-        """Yield the commits by keeper, then by serial number."""
-        for keeper in sorted(self.commits):
-            for serial in sorted(self.commits[keeper]):
-                yield self.commits[keeper][serial]
+        return moved.serial > self.commits.serials(moved.keeper).last
 
 
 class FreeReading:
@@ -123,15 +137,25 @@ class FreeReading:
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
         """Begin before the first message."""
-        self.found = FreeTranscript()
-        self._fail = fail
+        self._system = system = recording.scene.system
         self._modules = len(recording.scene.start)
         self._keepers = keepers_of(recording)
         self._processes = processes_of(recording)
+        tiles = None if self._keepers is None else Tiles(system, self._keepers)
+        self.found = FreeTranscript(AskedAttempts(system, tiles))
+        self._fail = fail
+        limits = (self._keepers, self._processes, self._keepers, self._modules)
+        self._most = {
+            name: most for name, most in zip(_LIMITED, limits, strict=True) if most is not None
+        }
+        self._limits: dict[type[msgspec.Struct], tuple[tuple[str, int], ...]] = {}
+        """What messages and parts of a kind have of what a run has only so many of."""
         self._by_wall = recording.parameters.get("log_time") == "wall"
         self._whole = not recording.problems and not is_cut_off(recording)
         self._level = 0
         self._highest = self._count = 0
+        self._moves = SharedMoves()
+        self._topics: dict[tuple[type[FreeMessage], int, int], tuple[str, str]] = {}
 
     def read(self, recording: Recording) -> FreeTranscript:
         """Read all messages."""
@@ -140,14 +164,11 @@ class FreeReading:
             self._highest = max(self._highest, record.sequence + 1)
             self._take(record)
         self.found.results.gap = max(0, self._highest - self._count)
-        for name, attempt in self.found.passed.items():
-            if name not in self.found.attempts and self._lost(attempt):
-                self.found.attempts[name] = attempt
+        attempts = self.found.attempts
+        for name in attempts.passed_alone():
+            if self.found.losses.of_attempt(name):
+                attempts.believe(name)
         return self.found
-
-    def _lost(self, attempt: Attempt) -> bool:
-        losses = self.found.losses
-        return losses.of_module(attempt.module) or losses.before(attempt.module, attempt.epoch)
 
     def _take(self, record: Record) -> None:
         where = f"message {record.sequence} ({record.topic})"
@@ -156,53 +177,77 @@ class FreeReading:
         except InputError as error:
             self._fail("messages", f"{where}: {error}")
             return
-        if free_topic(message) != record.topic:
-            self._fail("messages", f"{where} is {free_topic(message)}")
+        topic, sender = self._topic(message)
+        if topic != record.topic:
+            self._fail("messages", f"{where} is {topic}")
         self._check_time(where, record, message)
         self._check_names(where, message)
-        self.found.losses.take(where, message, record.data, self._fail)
+        self.found.losses.take(where, message, sender, record.data, self._fail)
         self._sort(where, message)
 
+    def _topic(self, message: FreeMessage) -> tuple[str, str]:
+        """Return the topic of a message, and the sender in it."""
+        key = type(message), getattr(message, "keeper", 0), getattr(message, "process", 0)
+        known = self._topics.get(key)
+        if known is None:
+            sender = free_sender(message)
+            known = self._topics[key] = f"{free_kind(message)}/{sender}", sender
+        return known
+
     def _check_time(self, where: str, record: Record, message: FreeMessage) -> None:
-        told = message.parts if isinstance(message, Tail) else ()
-        if isinstance(message, Moved):
-            told = [message]
         before = self._level
-        self._level = max([self._level, *(moved.level for moved in told)])
-        due = (record.wall_ns,) if self._by_wall else (self._level,)
-        if self._whole and record.round not in due:
-            what = "its wall time" if self._by_wall else f"the greatest level so far, {due[0]}"
+        if isinstance(message, Moved | Tail):
+            told = message.parts if isinstance(message, Tail) else (message,)
+            self._level = max([before, *(moved.level for moved in told)])
+        due = record.wall_ns if self._by_wall else self._level
+        if self._whole and record.round != due:
+            what = "its wall time" if self._by_wall else f"the greatest level so far, {due}"
             self._fail("messages", f"{where} has log time {record.round}, expected {what}")
         if not self._whole and not self._by_wall and record.round < before:
             self._fail("messages", f"{where} has log time {record.round} after level {before}")
 
     def _check_names(self, where: str, message: FreeMessage) -> None:
         """Check that keepers, processes and modules are some of the run."""
-        for name, most in (
-            ("keeper", self._keepers),
-            ("process", self._processes),
-            ("to", self._keepers),
-            ("module", self._modules),
-        ):
-            for value in _named(message, name):
-                if most is not None and value >= most:
-                    self._fail("messages", f"{where}: {name} {value}, expected less than {most}")
+        parts: Sequence[msgspec.Struct] = getattr(message, "parts", ())
+        if self._strays((message, *parts)):
+            for name, most in self._most.items():
+                for each in (message, *parts):
+                    value = getattr(each, name, None)
+                    if isinstance(value, int) and value >= most:
+                        self._fail(
+                            "messages", f"{where}: {name} {value}, expected less than {most}"
+                        )
         if isinstance(message, Passes) and message.to == message.keeper:
             self._fail("messages", f"{where} says something to itself")
         if isinstance(message, Asks | Passes | Tells | Turns | Tail):
-            parts = message.parts
             if not parts and not isinstance(message, Tail):
                 self._fail("messages", f"{where} is empty")
             if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
                 self._fail("messages", f"{where} holds a part twice")
 
+    def _strays(self, parts: Iterable[msgspec.Struct]) -> bool:
+        """Return whether any of these names a keeper, process or module of no run."""
+        for part in parts:
+            kind = type(part)
+            limits = self._limits.get(kind)
+            if limits is None:
+                named = (each for each in self._most.items() if each[0] in kind.__struct_fields__)
+                limits = self._limits[kind] = tuple(named)
+            for name, most in limits:
+                value = getattr(part, name)
+                if isinstance(value, int) and value >= most:
+                    return True
+        return False
+
     def _sort(self, where: str, message: FreeMessage) -> None:
         if isinstance(message, Moved):
-            self.found.announced.add((message.keeper, message.serial))
-            self._moved(where, message)
+            self._moved(where, message, announced=True)
         elif isinstance(message, Turns):
             for turn in message.parts:
-                self._turn(where, turn)
+                if not self.found.turns.take(turn):
+                    self._fail("turns", f"{where}: {turn_text(turn)} comes twice, and differs")
+                if turn.failed is not None:
+                    self.found.gave_up.add(f"module_{turn.module}: {turn.failed}")
         elif isinstance(message, Asks | Passes | Tells | Shows | Tail):
             self._sort_said(where, message)
         elif not isinstance(message, Rest):
@@ -211,76 +256,83 @@ class FreeReading:
             self._result(message)
 
     def _sort_said(self, where: str, message: Asks | Passes | Tells | Shows | Tail) -> None:
-        found = self.found
-        self._told_early(where, message.parts)
+        if not self._whole:
+            self._told_early(where, message.parts)
         match message:
             case Asks():
                 self._asked(where, message)
-            case Passes(keeper=keeper, to=to, parts=parts):
-                self._passed(where, keeper, to, parts)
-            case Tells(keeper=keeper, process=process, parts=told):
-                for part in told:
-                    if isinstance(part, Held):
-                        found.held.append((where, keeper, part))
-                    else:
-                        found.said.append(Said(where, keeper, process, part, told=True))
-            case Shows():
-                found.shown.append(Shown(where, message))
+            case Passes():
+                self._passed(message)
+            case Tells():
+                self._told(message)
+            case Shows(parts=places):
+                self._shown(places, once=True)
             case Tail(keeper=keeper, parts=commits):
-                found.tails.append((where, message))
                 for moved in commits:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
 
-    def _passed(
-        self,
-        where: str,
-        keeper: int,
-        to: int,
-        parts: Iterable[Passed | Decision | Inquiry | Settled],
-    ) -> None:
-        for part in parts:
-            self.found.said.append(Said(where, keeper, to, part, told=False))
+    def _passed(self, message: Passes) -> None:
+        for part in message.parts:
             if isinstance(part, Passed):
-                self.found.passed.setdefault(attempt_name(part.attempt), part.attempt)
+                self.found.attempts.take(part.attempt, asked=False)
+            elif isinstance(part, Settled):
+                name = part.module, part.epoch, part.number
+                self.found.acknowledged.add((name, message.keeper))
+
+    def _told(self, message: Tells) -> None:
+        for part in message.parts:
+            if isinstance(part, Held):
+                self._shown(part.parts)
+            elif isinstance(part, Entered):
+                occupant, site = part.occupant, site_in(part.site)
+                if site is not None:
+                    self.found.stands.setdefault((occupant.module, occupant.epoch), site)
+
+    def _shown(self, parts: Iterable[Shown], *, once: bool = False) -> None:
+        """Take note of the versions shown; `once` each place counts in a message."""
+        seen: set[Site] = set()
+        for part in parts:
+            place = site_in(part.place)
+            try:
+                if place is None or not self._system.has_place(place) or place in seen:
+                    continue
+            except NO_SITE:
+                return
+            if once:
+                seen.add(place)
+            known = self.found.shown.get(place)
+            if known is None:
+                known = self.found.shown[place] = ShownVersions()
+            known.add(part.version, part.module_version)
 
     def _told_early(self, where: str, parts: Iterable[object]) -> None:
         """Take commits from decisions, where the record ends before the commits themselves."""
         for part in parts:
-            if not self._whole and isinstance(part, Decision) and part.moved is not None:
+            if isinstance(part, Decision) and part.moved is not None:
                 self._moved(where, part.moved)
 
     def _asked(self, where: str, message: Asks) -> None:
         found = self.found
         for part in message.parts:
             if isinstance(part, Look):
-                found.looks.append((where, message.keeper, part))
+                found.looks.add((message.keeper, part.tile))
                 continue
             found.asked_by.setdefault(part.module, set()).add(message.process)
             if isinstance(part, Enter):
                 found.entered.add((part.module, part.birth))
-                continue
-            name = part.module, part.epoch, part.number
-            if isinstance(part, Hold):
-                asked = message.keeper, part
-                if found.holds.setdefault(name, asked) != asked:
+            elif isinstance(part, Hold):
+                if not found.holds.take(message.keeper, part):
                     self._fail("shown", f"{where}: hold {part.number} comes twice, and differs")
-                continue
-            found.asked_of.setdefault(name, set()).add(message.keeper)
-            if found.attempts.setdefault(name, part) != part:
-                self._fail("attempts", f"{where}: {attempt_text(name)} comes twice, and differs")
+            elif not found.attempts.take(part, asked=True):
+                name = attempt_text(attempt_name(part))
+                self._fail("attempts", f"{where}: {name} comes twice, and differs")
 
-    def _moved(self, where: str, moved: Moved) -> None:
-        known = self.found.commits.setdefault(moved.keeper, {}).setdefault(moved.serial, moved)
-        if known != moved:
+    def _moved(self, where: str, moved: Moved, *, announced: bool = False) -> None:
+        if not self.found.commits.add(moved, announced=announced):
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{where}: {name} comes twice, and differs")
-
-    def _turn(self, where: str, turn: Turn) -> None:
-        name = turn.epoch, turn.turn
-        if self.found.turns.setdefault(turn.module, {}).setdefault(name, turn) != turn:
-            self._fail("turns", f"{where}: {turn_text(turn)} comes twice, and differs")
 
     def _check_level(self, where: str, message: Cube | Certified) -> None:
         if self._whole and message.round != self._level:
@@ -290,10 +342,12 @@ class FreeReading:
         found, results = self.found, self.found.results
         match message:
             case Edges(round=level):
-                if level in found.edges:
+                if found.edges.get(level) is not None:
                     self._fail("edges", f"level {level}: its edges come twice")
-                found.edges.setdefault(level, message)
-            case Cube() | Certified() | Summary():
+                found.edges.setdefault(level, edges_hash(message.moves))
+            case Cube():
+                results.take(self._moves.cube(message), self._fail)
+            case Certified() | Summary():
                 results.take(message, self._fail)
             case Refused(count=count):
                 results.refused += count
@@ -301,17 +355,9 @@ class FreeReading:
                 pass
 
 
-def attempt_name(attempt: Attempt) -> AttemptId:
-    """Return which attempt this is."""
-    return attempt.module, attempt.epoch, attempt.number
-
-
-def _named(message: FreeMessage, name: str) -> Iterator[int]:
-    """Yield the numbers of keepers, processes or modules that a message and its parts name."""
-    for each in (message, *(getattr(message, "parts", None) or ())):
-        value = getattr(each, name, None)
-        if isinstance(each, msgspec.Struct) and isinstance(value, int):
-            yield value
+def edges_hash(moves: Sequence[Executed]) -> int:
+    """Return a number that stands for the coordinator's edges of a level, within this process."""
+    return hash(encode(moves))
 
 
 def attempt_text(name: AttemptId) -> str:

@@ -6,25 +6,28 @@ the history says what was there. It asks no rule: whoever has rules is a `FreePl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from cubepath.coordinator.verification.choices import Arrays, Observing
-from cubepath.coordinator.verification.free_history import (
-    History,
-)
-from cubepath.coordinator.verification.free_shown import Shownness
+from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.free_asked import AskedContent, ShownVersions
+from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_transcript import (
     FreeTranscript,
     attempt_text,
     turn_text,
 )
-from cubepath.coordinator.verification.free_units import NO_SITE, on_unit, units_of
-from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.coordinator.verification.free_units import NO_SITE, on_unit
+from cubepath.coordinator.verification.number_table import Name
+from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.wire.free_messages import Attempt, Register, Turn
+from cubepath.protocol.wire.free_messages import Register, Turn, Turns
 from cubepath.protocol.wire.tiles import Tiles
+
+_NEVER = ShownVersions()
 
 
 class Seen(NamedTuple):
@@ -58,62 +61,97 @@ class FreePlayer(Protocol):
         """Return in one line what was not asked again, and why; None if all was."""
 
 
+@dataclass(slots=True)
+class _Progress:
+    """How far the turns of a module were checked."""
+
+    due: Iterator[Name]
+    next: Name | None
+    """The next turn on record; those after it wait."""
+    waiting: dict[Name, Turn] = field(default_factory=dict)
+    before: Turn | None = None
+    last: dict[Site, tuple[int, int]] = field(default_factory=dict)
+    """What the process of the module was shown last of each place."""
+    known: dict[Site, tuple[int, Site | None]] = field(default_factory=dict)
+    """The last version of each place that was rightly shown to it, and what was on."""
+    broken: bool = False
+    """Whether it is not known what the module's rule was shown since it entered."""
+
+
 class TurnsOfModules:
-    """The turns of a run."""
+    """The turns of a run.
+
+    Those of a module are checked in their order, as they stand on record unless one had to be
+    repeated: then those behind it wait for it.
+    """
 
     def __init__(
         self,
         history: History,
-        shown: Shownness,
         transcript: FreeTranscript,
         tiles: Tiles,
-        fail: Fail,
+        player: FreePlayer | None,
+        fail: Stage,
     ) -> None:
-        """Know what was shown."""
+        """Know what was shown; the player plays the turns."""
         self._tiles = tiles
-        self._history, self._shown, self._said, self._fail = history, shown, transcript, fail
+        self._history, self._said, self._fail = history, transcript, fail
+        self._player = player
         self._system = history.system
         self._observing = Observing(history.scene)
-        self._entered = _entered(transcript)
         self._losses = transcript.losses
-        self._broken = False
-        """Whether it is not known what the module's rule was shown since it entered."""
-        self._last: dict[Site, tuple[int, int]] = {}
-        """What the process of a module was shown last of each place."""
+        self._answered = bytearray(len(transcript.attempts))
+        self._progress: dict[int, _Progress] = {}
 
-    def check(self, player: FreePlayer | None) -> None:
-        """Check all turns, and let the player play them."""
+    def turns(self, message: Turns) -> None:
+        """Take turns, and check those that are due."""
+        for turn in message.parts:
+            self._take(turn)
 
-        def another_choice(why: str) -> None:
-            self._fail("choices", why)
-
-        answered: set[tuple[int, int, int]] = set()
-        for module in sorted(self._said.turns):
-            turns = self._said.turns[module]
-            before: Turn | None = None
-            for name in sorted(turns):
-                turn = turns[name]
-                seen = self._seen(turn, before)
-                if seen is not None:
-                    self._check_attempt(seen, answered)
-                    self._play(player, seen, another_choice)
-                before = turn
-        if player is not None:
-            player.end(another_choice)
-        if self._said.turns:
-            for each in sorted(self._said.attempts.keys() - answered):
-                self._lack(each[0], each[1], f"{attempt_text(each)} has no turn")
-
-    def _play(
-        self, player: FreePlayer | None, seen: Seen, another_choice: Callable[[str], None]
-    ) -> None:
-        if player is None:
+    def _take(self, turn: Turn) -> None:
+        at = self._progress.get(turn.module)
+        if at is None:
+            due = self._said.turns.of(turn.module)
+            at = self._progress[turn.module] = _Progress(due, next(due))
+        name = turn.module, turn.epoch, turn.turn
+        if at.next is None or name < at.next:
+            return  # it comes again
+        if name != at.next:
+            at.waiting.setdefault(name, turn)
             return
-        if self._broken:
+        following: Turn | None = turn
+        while following is not None:
+            self._check(following, at)
+            at.before, at.next = following, next(at.due, None)
+            following = None if at.next is None else at.waiting.pop(at.next, None)
+
+    def _check(self, turn: Turn, at: _Progress) -> None:
+        self._fail.position = 0, turn.module, turn.epoch, turn.turn
+        seen = self._seen(turn, at)
+        if seen is not None:
+            self._check_attempt(seen)
+            self._play(seen, at)
+
+    def _another_choice(self, why: str) -> None:
+        self._fail("choices", why)
+
+    def end(self) -> None:
+        """Check that each attempt was chosen in a turn."""
+        self._fail.position = (1,)
+        if self._player is not None:
+            self._player.end(self._another_choice)
+        for name in self._said.attempts if self._said.turns else ():
+            if not self._answered[self._said.attempts.place(name)]:
+                self._lack(name[0], name[1], f"{attempt_text(name)} has no turn")
+
+    def _play(self, seen: Seen, at: _Progress) -> None:
+        if self._player is None:
+            return
+        if at.broken:
             why = f"{turn_text(seen.turn)} comes after a gap"
             self._losses.lack(self._fail, "choices", why, excused=True)
         else:
-            player.turn(seen, another_choice)
+            self._player.turn(seen, self._another_choice)
 
     def _lack(self, module: int, epoch: int, why: str) -> None:
         """Take note of what the process of a module said and is not on record."""
@@ -126,152 +164,175 @@ class TurnsOfModules:
         excused = before or self._losses.of_keepers(keepers)
         self._losses.lack(self._fail, "turns", why, excused=excused)
 
-    def _seen(self, turn: Turn, before: Turn | None) -> Seen | None:
+    def _seen(self, turn: Turn, at: _Progress) -> Seen | None:
         """Return what was shown in a turn, None if it cannot have been."""
-        name, history, system = turn_text(turn), self._history, self._system
-        fresh = self._follows(turn, before)
-        standing = history.module(turn.module, turn.version)
+        system = self._system
+        fresh = self._follows(turn, at)
+        standing = self._history.module(turn.module, turn.version)
         site = site_in(turn.site)
         if standing is None or standing.site != site:
             where = f"at {turn.site!r} at version {turn.version}"
-            self._fail("turns", f"{name}: it does not stand {where}")
+            self._fail("turns", f"{turn_text(turn)}: it does not stand {where}")
             return None
         place = system.place_of(site)
         near = system.sensed(place)
         reach = system.reach(place) if turn.heard else ()
         if len(turn.sensed) != len(near) or len(turn.heard) != len(reach):
-            self._fail("turns", f"{name}: it was shown other places than it senses")
+            why = "it was shown other places than it senses"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
             return None
         on: dict[Site, Site] = {place: site}
-        if not all(self._sees(turn, *each, on) for each in zip(near, turn.sensed, strict=True)):
-            return None
+        for slot, version in zip(near, turn.sensed, strict=True):
+            if not self._sees(turn, at, slot, version, on):
+                return None
         notes: dict[Site, Register] = {}
-        if not all(self._hears(turn, *each, notes) for each in zip(reach, turn.heard, strict=True)):
-            return None
+        for heard, shown in zip(reach, turn.heard, strict=True):
+            if not self._hears(turn, at, heard, shown, notes):
+                return None
 
         def arrays(length: int) -> Arrays:
             return self._observing.seen(
                 turn.module, site, on, notes, note_length=length, register=standing.note
             )
 
-        entered = self._entered.get((turn.module, turn.epoch), site)
+        entered = self._said.stands.get((turn.module, turn.epoch), site)
         return Seen(turn, site, on, notes, standing.note, fresh, entered, arrays)
 
-    def _follows(self, turn: Turn, before: Turn | None) -> bool:
+    def _follows(self, turn: Turn, at: _Progress) -> bool:
         """Check a turn against the one before it; return whether its process has begun anew."""
-        name, fresh = turn_text(turn), before is None or before.epoch != turn.epoch
+        before = at.before
+        fresh = before is None or before.epoch != turn.epoch
         last = 0 if before is None or fresh else before.turn
         if fresh:
-            self._last, self._broken = {}, False
+            at.last, at.known, at.broken = {}, {}, False
         if turn.turn != last + 1:
-            self._broken = True
-            self._lack(turn.module, turn.epoch, f"{name} comes after turn {last}")
+            at.broken = True
+            self._lack(turn.module, turn.epoch, f"{turn_text(turn)} comes after turn {last}")
         if before is not None and turn.version < before.version:
-            self._fail("turns", f"{name}: version {turn.version} after {before.version}")
-        if (turn.module, turn.epoch) not in self._entered:
-            self._broken = True
-            self._not_shown(turn, f"{name}: it never entered so", range(self._tiles.keepers))
+            why = f"{turn_text(turn)}: version {turn.version} after {before.version}"
+            self._fail("turns", why)
+        if (turn.module, turn.epoch) not in self._said.stands:
+            at.broken = True
+            why = f"{turn_text(turn)}: it never entered so"
+            self._not_shown(turn, why, range(self._tiles.keepers))
         return fresh
 
-    def _goes_on(self, name: str, at: Site, shown: tuple[int, int]) -> None:
-        known = self._last.get(at, shown)
+    def _goes_on(self, turn: Turn, at: _Progress, place: Site, shown: tuple[int, int]) -> None:
+        known = at.last.get(place, shown)
         if shown[0] < known[0] or (shown[0] == known[0] and -1 < shown[1] < known[1]):
-            self._fail("turns", f"{name}: {site_text(at)} was shown to it later than so before")
-        self._last[at] = max(known, shown)
+            why = f"{site_text(place)} was shown to it later than so before"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
+        at.last[place] = max(known, shown)
 
-    def _sees(self, turn: Turn, at: Site | None, version: int, on: dict[Site, Site]) -> bool:
-        name = turn_text(turn)
-        if (at is None) != (version == -1):
-            self._fail("turns", f"{name}: it was shown a place that is none, or not one that is")
+    def _sees(
+        self, turn: Turn, at: _Progress, near: Site | None, version: int, on: dict[Site, Site]
+    ) -> bool:
+        if (near is None) != (version == -1):
+            why = "it was shown a place that is none, or not one that is"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
             return False
-        if at is None:
+        if near is None:
             return True
-        self._goes_on(name, at, (version, -1))
-        there = self._history.at_place(at, version)
-        why = f"{name}: {site_text(at)} was never shown at version {version}"
-        if there is None:
-            self._fail("turns", why)
-            return False
-        if not self._was_shown(at, version, None):
-            self._not_shown(turn, why, [self._tiles.keeper_of(at)])
+        known = at.known.get(near)
+        if known is not None and known[0] == version == at.last[near][0]:
+            if known[1] is not None:
+                on.setdefault(near, known[1])
+            return True
+        self._goes_on(turn, at, near, (version, -1))
+        there = self._history.at_place(near, version)
+        if there is None or not self._was_shown(near, version, None):
+            why = f"{turn_text(turn)}: {site_text(near)} was never shown at version {version}"
+            if there is None:
+                self._fail("turns", why)
+                return False
+            self._not_shown(turn, why, [self._tiles.keeper_of(near)])
+        else:
+            at.known[near] = version, there.site
         if there.site is not None:
-            on.setdefault(at, there.site)
+            on.setdefault(near, there.site)
         return True
 
     def _hears(
-        self, turn: Turn, at: Site, shown: tuple[int, int], notes: dict[Site, Register]
+        self,
+        turn: Turn,
+        at: _Progress,
+        near: Site,
+        shown: tuple[int, int],
+        notes: dict[Site, Register],
     ) -> bool:
-        name, (version, module_version) = turn_text(turn), shown
-        self._goes_on(name, at, shown)
-        there = self._history.at_place(at, version)
-        why = (
-            f"{name}: {site_text(at)} was never shown at version {version}, with its module at"
-            f" version {module_version}"
-        )
-        if there is None:
-            self._fail("turns", why)
-            return False
-        if not self._was_shown(at, version, module_version):
-            self._not_shown(turn, why, [self._tiles.keeper_of(at)])
+        version, module_version = shown
+        self._goes_on(turn, at, near, shown)
+        there = self._history.at_place(near, version)
+        if there is None or not self._was_shown(near, version, module_version):
+            why = (
+                f"{turn_text(turn)}: {site_text(near)} was never shown at version {version}, with"
+                f" its module at version {module_version}"
+            )
+            if there is None:
+                self._fail("turns", why)
+                return False
+            self._not_shown(turn, why, [self._tiles.keeper_of(near)])
         if there.module is None:
             if module_version:
-                self._fail("turns", f"{name}: nobody was at {site_text(at)} at version {version}")
+                why = f"nobody was at {site_text(near)} at version {version}"
+                self._fail("turns", f"{turn_text(turn)}: {why}")
         else:
             standing = self._history.module(there.module, module_version)
             if standing is None or standing.since != there.since:
-                self._fail("turns", f"{name}: no register was at {site_text(at)} so")
+                why = f"no register was at {site_text(near)} so"
+                self._fail("turns", f"{turn_text(turn)}: {why}")
                 return False
             if standing.note:
-                notes[at] = standing.note
+                notes[near] = standing.note
         return True
 
     def _was_shown(self, at: Site, version: int, module_version: int | None) -> bool:
-        known = self._shown.versions.get(at, ())
+        known = self._said.shown.get(at, _NEVER)
         if version == 0 and not module_version and (0, 0) not in known:
             there = self._history.at_place(at, 0)
             return there is not None and there.site is None  # what was never touched is not shown
         if module_version is None:
-            return version in self._shown.place_versions.get(at, ())
+            return known.has(version)
         return (version, module_version) in known
 
     # Attempts.
 
-    def _check_attempt(self, seen: Seen, answered: set[tuple[int, int, int]]) -> None:
-        turn, name = seen.turn, turn_text(seen.turn)
+    def _check_attempt(self, seen: Seen) -> None:
+        turn = seen.turn
         try:
             due = self._due(seen)
         except NO_SITE as error:
-            self._fail("turns", f"{name}: {type(error).__name__}: {error}")
+            self._fail("turns", f"{turn_text(turn)}: {type(error).__name__}: {error}")
             return
         if turn.number is None:
             if due is not None:
-                self._fail("turns", f"{name} makes no attempt of what was chosen")
+                self._fail("turns", f"{turn_text(turn)} makes no attempt of what was chosen")
             return
-        key = turn.module, turn.epoch, turn.number
-        answered.add(key)
-        attempt = self._said.attempts.get(key)
-        if attempt is None:
+        known, numbers = self._said.attempts, self._said.turns
+        place = known.get((turn.module, turn.epoch, turn.number))
+        if place is None:
             # What came to nothing while the module was thinking was not asked of anyone.
-            after = self._said.turns[turn.module].get((turn.epoch, turn.turn + 1))
-            if after is not None and after.number not in (None, turn.number):
-                why = f"{name}: its attempt {turn.number} is not on record"
+            after = numbers.attempt((turn.module, turn.epoch, turn.turn + 1))
+            if after not in (None, -1, turn.number):
+                why = f"{turn_text(turn)}: its attempt {turn.number} is not on record"
                 self._lack(turn.module, turn.epoch, why)
             return
-        if attempt.turn != turn.turn:
-            others = self._said.turns[turn.module]
-            later = others.get((turn.epoch, attempt.turn))
-            if later is None or later.number != turn.number or attempt.turn < turn.turn:
-                why = f"{name}: attempt {turn.number} says it is of turn {attempt.turn}"
-                if later is None and attempt.turn > turn.turn:
+        self._answered[place] = True
+        told = known.turn(place)
+        if told != turn.turn:
+            later = numbers.attempt((turn.module, turn.epoch, told))
+            if later != turn.number or told < turn.turn:
+                why = f"{turn_text(turn)}: attempt {turn.number} says it is of turn {told}"
+                if later is None and told > turn.turn:
                     self._lack(turn.module, turn.epoch, why)
                 else:
                     self._fail("turns", why)
             return
-        found = _content(attempt)
-        if due is None or found != due:
-            self._fail("turns", f"{name}: attempt {turn.number} is not what was chosen")
+        if due is None or not known.asks_for(place, due):
+            why = f"attempt {turn.number} is not what was chosen"
+            self._fail("turns", f"{turn_text(turn)}: {why}")
 
-    def _due(self, seen: Seen) -> object:
+    def _due(self, seen: Seen) -> AskedContent | None:
         """Return the content of the attempt that a choice makes, None if it makes none."""
         turn, system = seen.turn, self._system
         place = system.place_of(seen.site)
@@ -289,20 +350,25 @@ class TurnsOfModules:
             return None
         if move is None:
             notes.setdefault(place, (seen.register, None))
-        units: set[Site] = set()
+        sensed: list[tuple[Site, Site | None]] = []
         if move is not None:
-            reads, writes = units_of(system, move)
-            units = {*reads, *writes, *self._guards(seen)}
-        on = dict(seen.standing)
-        sensed = {unit: on_unit(system, unit, on) for unit in units}
+            reads, writes = self._history.units_of(move.action)
+            units = {*reads, *writes, *self._guards(seen)} if turn.guards else reads | writes
+            sensed = [(unit, on_unit(system, unit, seen.standing)) for unit in units]
         named = None if move is None else (move.generator, move.at)
-        return seen.site, named, sensed, notes
+        asked = {
+            at: (tuple(shown), None if new is None else tuple(new))
+            for at, (shown, new) in notes.items()
+        }
+        return AskedContent(seen.site, named, frozenset(sensed), frozenset(asked.items()))
 
     def _chosen(self, seen: Seen) -> Move | None:
         moves = self._system.moves(seen.site)
         action = seen.turn.action
-        move = moves[action - 1] if 0 < action <= len(moves) else None
-        return move if move is not None and seen.arrays(0)["action_mask"][action] else None
+        if not 0 < action <= len(moves):
+            return None
+        may = self._observing.may_choose(seen.turn.module, seen.site, seen.standing, action)
+        return moves[action - 1] if may else None
 
     def _guards(self, seen: Seen) -> set[Site]:
         system = self._system
@@ -325,23 +391,3 @@ def _register(seen: Seen, place: Site, at: Site | None) -> Register:
     if at == place:
         return seen.register
     return [] if at is None else seen.notes.get(at, [])
-
-
-def _content(attempt: Attempt) -> object:
-    named = None if attempt.generator is None else (attempt.generator, site_in(attempt.at))
-    sensed = {
-        site_in(unit): None if shown is None else site_in(shown) for unit, shown in attempt.sensed
-    }
-    notes = {site_in(place): (shown, new) for place, shown, new in attempt.notes}
-    return site_in(attempt.site), named, sensed, notes
-
-
-def _entered(transcript: FreeTranscript) -> dict[tuple[int, int], Site]:
-    """Return where modules were told that they stand, by module and epoch."""
-    found: dict[tuple[int, int], Site] = {}
-    for said in transcript.said:
-        occupant = getattr(said.part, "occupant", None)
-        site = site_in(getattr(said.part, "site", None))
-        if occupant is not None and site is not None:
-            found.setdefault((occupant.module, occupant.epoch), site)
-    return found

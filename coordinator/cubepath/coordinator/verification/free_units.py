@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from cubepath.coordinator.verification.transcript import site_in
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site
@@ -37,8 +37,8 @@ def on_unit(system: System, unit: Site, standing: Mapping[Site, Site]) -> Site |
     return site if site == unit else None
 
 
-def units_of(system: System, move: Move) -> tuple[frozenset[Site], frozenset[Site]]:
-    """Return the units that a move reads, and those that it writes.
+def units_of(system: System, action: Action) -> tuple[frozenset[Site], frozenset[Site]]:
+    """Return the units that an action reads, and those that it writes.
 
     With labels a unit is a place, otherwise a site. What is no place never changes.
     """
@@ -50,8 +50,8 @@ def units_of(system: System, move: Move) -> tuple[frozenset[Site], frozenset[Sit
             place if labelled else site for site, place in found.items() if system.has_place(place)
         )
 
-    writes = units(move.action.trace)
-    return units(move.action.support) - writes, writes
+    writes = units(action.trace)
+    return units(action.support) - writes, writes
 
 
 def changed_by(moved: Moved) -> dict[int, int]:

@@ -26,7 +26,6 @@ from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.unit_propagation import Refuter, dimacs
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
@@ -111,19 +110,9 @@ class Refutation:
                 raise CheckError(f"{name}: the obstacle {site_text(site)} is on, expected off")
         return system
 
-    @cached_property
-    def actions(self) -> list[Action]:
-        """The actions of the proof, by the numbers that it gives them."""
-        found: dict[Action, int] = {}
-        moves: Sequence[GeneratorPlacement | Action] = self.proof.moves
-        for number, move in enumerate(moves):
-            action = self._action(number, move)
-            known = found.setdefault(action, number)
-            if known != number:
-                raise CheckError(f"move {number}: is the same as move {known}, expected another")
-        return list(found)
-
-    def _action(self, number: int, move: GeneratorPlacement | Action) -> Action:
+    def action(self, number: int) -> Action:
+        """Return an action of the proof, by the number that it gives it."""
+        move = self.proof.moves[number]
         if isinstance(move, Action):
             if self.system is not None:
                 raise CheckError(f"move {number}: has no name, expected one of the system")
@@ -135,24 +124,49 @@ class Refutation:
         except InputError as error:
             raise CheckError(f"move {number}: {error}") from None
 
+    def _numbers(self, moves: Moves) -> list[int]:
+        """Return the numbers in `moves` of the actions of the proof, -1 of what is not there."""
+        found: list[int] = []
+        places: dict[int | Action, int] = {}
+        for place in range(len(self.proof.moves)):
+            number, key = moves.numbered[place], None
+            if number < 0:  # the proof has another name for it, or no schedule could use it
+                key = self.action(place)
+                number = moves.number(key)
+            known = places.setdefault(key if key is not None and number < 0 else number, place)
+            if known != place:
+                raise CheckError(f"move {place}: is the same as move {known}, expected another")
+            found.append(number)
+        return found
+
     @cached_property
     def _clauses(self) -> tuple[int, Clauses] | None:
         """The number of moves that can be made, and the clauses; None if windows refute alone."""
-        rounds, moves = self.proof.refuted, Moves(self._start, self._goal)
+        rounds, proof = self.proof.refuted, self.proof
+        moves = Moves(self._start, self._goal, proof.moves)
         if self.system is None:
-            moves.take(self.actions)
-            usable = np.ones(2 * len(self.actions), dtype=np.bool_)
+            for number in range(len(proof.moves)):
+                moves.take(self.action(number))
+            usable = np.ones(2 * len(proof.moves), dtype=np.bool_)
         else:
             usable = moves.find(self.system, rounds, lambda count: self._tell("moves", count))
-        windows = moves.windows(rounds, usable)
+        numbers = self._numbers(moves)
+        table = moves.table
+        windows = moves.windows(table, rounds, usable)
         if windows.refuting_site() is not None:
+            for what, given in (
+                ("variables", proof.variables),
+                ("ladders", proof.ladders),
+                ("groups", proof.groups),
+            ):
+                if len(given):
+                    raise CheckError(f"there are {what}, and nothing that they would be needed for")
             return None
         self._tell("clauses", 0)
-        numbers = [moves.actions.get(action, -1) for action in self.actions]
-        meanings = Meanings(self.proof, moves, windows, numbers)
-        roles = roles_of(moves.table, windows, len(moves.sites))
+        meanings = Meanings(proof, moves, table, windows, numbers)
+        roles = roles_of(table, windows, len(moves.sites))
         ladders, groups = meanings.ladders(roles), meanings.groups()
-        found = clauses_of(moves.table, meanings.slots, roles, ladders, groups)
+        found = clauses_of(table, meanings.slots, roles, ladders, groups)
         return int((windows.first <= windows.last).sum()), found
 
     @property
@@ -186,7 +200,7 @@ class Refutation:
             told = "moves of a system" if system is None else "listed moves"
             return f"has other moves: the proof is about {told}"
         if self.system is None or system is None:
-            apart_moves = set(self.actions) ^ set(actions)
+            apart_moves = set(self.proof.moves) ^ set(actions)
             return "has other moves than the proof" if apart_moves else None
         same = (self.system.table, self.system.to_table()) == (system.table, system.to_table())
         return None if same else "has another system"
@@ -233,11 +247,11 @@ class Refutation:
 
     def _carry_out(self, where: str, cube: Sequence[int], state: set[Site]) -> None:
         for number in cube:
-            if number >= len(self.actions):
+            if number >= len(self.proof.moves):
                 raise CheckError(
-                    f"{where}: move number {number}, expected less than {len(self.actions)}"
+                    f"{where}: move number {number}, expected less than {len(self.proof.moves)}"
                 )
-        actions = [self.actions[number] for number in cube]
+        actions = [self.action(number) for number in cube]
         if not is_cube(actions):
             raise CheckError(f"{where}: its moves do not commute")
         for action in actions:

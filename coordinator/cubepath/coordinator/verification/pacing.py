@@ -48,7 +48,6 @@ class Pacing:
         self.round = 0
         """The phase that was begun last, and its round."""
         self._fail = fail
-        self._format_1 = recording.format.endswith("-1")
         known = processes_of(recording)
         self._processes = None if known is None else range(known)
         self._joined: set[int] = set()
@@ -155,8 +154,6 @@ class Pacing:
             who = f"process_{process}"
             if process not in self._ready:
                 return f"{who} has not answered phase {self.phase} of round {self.round}"
-            if self._format_1:
-                continue  # parts came by themselves, at any time before they were needed
             if self.phase in ("settle", "observe") and process not in self._told:
                 what = "reports" if self.phase == "settle" else "observations"
                 return f"{who} has sent no {what} in round {self.round}"
@@ -178,7 +175,6 @@ class Pacing:
         return sum(
             max(0, sum(counts.values()) - len(self._said.get(process, ())))
             for process, counts in self._ready.items()
-            if not self._format_1
         )
 
 

@@ -54,7 +54,7 @@ CHECKS = {
     "readable": "the file is whole",
     "parameters": "they are those of a run, and fit the scene",
     "messages": "each message decodes, and stands under its own topic and round",
-    "batches": "what modules say comes in batches, none of them empty; in format 1 by itself",
+    "batches": "what modules say comes in batches, none of them empty",
     "pacing": "each phase begins once, in order, when all processes have said what they count",
     "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
     "reports": "each round has one report of each module",

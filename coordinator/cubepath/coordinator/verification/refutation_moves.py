@@ -2,12 +2,13 @@
 
 Room: coordinator; touches nothing. Part of `cubepath verify`: a proof names moves, and here all
 moves are found that any schedule could use, by asking the system layer by layer from both ends.
+Of each action that is found only numbers are kept, so that millions of them fit into memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from itertools import chain
+from array import array
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from cubepath.coordinator.verification.refutation_windows import (
     IN_TRACE,
     IS_FREE,
     Flags,
-    Longs,
     Table,
     Windows,
     earliest_times,
@@ -24,6 +24,7 @@ from cubepath.coordinator.verification.refutation_windows import (
 )
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import System
@@ -32,33 +33,77 @@ from cubepath.protocol.core.system import System
 class Moves:
     """All actions that any schedule of so many rounds could use, and the windows of their moves.
 
-    `sites` and `actions` have their numbers, and `table` the supports.
+    `sites` has the numbers of sites, and `numbered` those of the actions that have a name in the
+    proof, by their positions there: -1 for what was not found.
     """
 
-    def __init__(self, start: frozenset[Site], goal: frozenset[Site]) -> None:
-        """Begin without moves; `start` and `goal` are complete states."""
-        self.actions = Ordinals[Action]()
+    def __init__(
+        self,
+        start: frozenset[Site],
+        goal: frozenset[Site],
+        listed: Sequence[GeneratorPlacement | Action],
+    ) -> None:
+        """Begin without moves, between two states; `listed` are the moves of the proof."""
         self.sites = Ordinals[Site]()
         self.start, self.goal = start, goal
         for site in in_order(start | goal):
             _ = self.sites[site]
-        self._listed: list[Action] = []
-        self.table = _table([], self.sites)
+        self._places = {
+            (move.generator, move.at): place
+            for place, move in enumerate(listed)
+            if isinstance(move, GeneratorPlacement)
+        }
+        self.numbered = [-1] * len(listed)
+        # By the bytes of its row in the table; equal actions have equal rows.
+        self._rows: dict[bytes, int] = {}
+        self._starts, self._guard_starts = array("q", [0]), array("q", [0])
+        self._sites, self._guards, self._says = array("i"), array("i"), array("b")
 
-    def take(self, actions: Iterable[Action]) -> None:
-        """Take actions that are not known yet."""
-        fresh: list[Action] = []
-        for action in actions:
-            known = len(self.actions)
-            if self.actions[action] == known:
-                fresh.append(action)
-        if fresh:
-            self._listed += fresh
-            self.table = _joined(self.table, _table(fresh, self.sites))
+    def take(self, action: Action) -> int:
+        """Return the number of an action, which is the next one if it is not known yet."""
+        sites, says, guards = self._row(action, self.sites.__getitem__)
+        known = len(self._rows)
+        number = self._rows.setdefault(_key(sites, says, guards), known)
+        if number == known:
+            self._sites.extend(sites)
+            self._says.extend(says)
+            self._guards.extend(guards)
+            self._starts.append(len(self._sites))
+            self._guard_starts.append(len(self._guards) // 2)
+        return number
 
-    def action(self, number: int) -> Action:
-        """Return an action by its number."""
-        return self._listed[number]
+    def number(self, action: Action) -> int:
+        """Return the number of an action, -1 if it was not found."""
+        if not self.sites.keys() >= action.support:
+            return -1
+        return self._rows.get(_key(*self._row(action, self.sites.__getitem__)), -1)
+
+    @staticmethod
+    def _row(
+        action: Action, number: Callable[[Site], int]
+    ) -> tuple[list[int], list[int], list[int]]:
+        """Return the support of an action and what it says of each site, and its guards."""
+        support, (first, second) = in_order(action.support), action.ends
+        says = [
+            (site in first)
+            | (site in second) << 1
+            | (IN_TRACE if site in action.trace else IS_FREE if site in action.free else 0)
+            for site in support
+        ]
+        sites = [number(site) for site in support]
+        pairs = sorted((number(one), number(other)) for one, other in action.guards)
+        return sites, says, [site for pair in pairs for site in pair]
+
+    @property
+    def table(self) -> Table:
+        """The supports of all actions so far."""
+        return Table(
+            np.array(self._starts, dtype=np.int64),
+            np.array(self._sites, dtype=np.int32),
+            np.array(self._says, dtype=np.int8),
+            np.array(self._guard_starts, dtype=np.int64),
+            np.array(self._guards, dtype=np.int32).reshape(-1, 2),
+        )
 
     def find(
         self, system: System, rounds: int, tell: Callable[[int], object] | None = None
@@ -74,9 +119,9 @@ class Moves:
         asked: set[Site] = set()
         for state, half in zip((self.start, self.goal), halves, strict=True):
             self._explore(state, half, asked, ask, tell)
-        every = np.ones(2 * len(self._listed), dtype=np.bool_)
-        _, ahead = earliest_times(self.table, self._flags(self.start), every)
-        _, behind = earliest_times(self.table, self._flags(self.goal), every)
+        table, every = self.table, np.ones(2 * len(self._rows), dtype=np.bool_)
+        _, ahead = earliest_times(table, self._flags(self.start), every)
+        _, behind = earliest_times(table, self._flags(self.goal), every)
         return (ahead <= halves[0]) | turned(behind <= halves[1])
 
     def _explore(
@@ -88,13 +133,18 @@ class Moves:
         tell: Callable[[int], object] | None,
     ) -> None:
         for layer in range(layers):
-            every = np.ones(2 * len(self._listed), dtype=np.bool_)
+            every = np.ones(2 * len(self._rows), dtype=np.bool_)
             literals, _ = earliest_times(self.table, self._flags(state), every)
             names = list(self.sites)
             near = [names[site] for site in np.flatnonzero(literals[1::2] <= layer).tolist()]
             fresh = [site for site in near if site not in asked]
             asked.update(fresh)
-            self.take(move.action for site in fresh for move in ask(site))
+            for site in fresh:
+                for move in ask(site):
+                    number = self.take(move.action)
+                    place = self._places.get((move.generator, move.at))
+                    if place is not None:
+                        self.numbered[place] = number
             if tell is not None:
                 tell(len(fresh))
 
@@ -102,64 +152,21 @@ class Moves:
         """Return of each site whether it is on in a state."""
         return np.fromiter((site in state for site in self.sites), np.bool_, len(self.sites))
 
-    def windows(self, rounds: int, usable: Flags) -> Windows:
-        """Return the windows of these moves; `usable` is by directed move."""
-        return windows_of(
-            self.table, self._flags(self.start), self._flags(self.goal), rounds, usable
-        )
+    def windows(self, table: Table, rounds: int, usable: Flags) -> Windows:
+        """Return the windows of the moves of a table; `usable` is by directed move."""
+        return windows_of(table, self._flags(self.start), self._flags(self.goal), rounds, usable)
 
     def move_text(self, move: int) -> str:
         """Return a directed move in words."""
-        action, end = self._listed[move >> 1], move & 1
-        gone = in_order(action.ends[end] - action.ends[1 - end])
-        come = in_order(action.ends[1 - end] - action.ends[end])
-        name = action.label or site_text(in_order(action.trace))
-        return f"{name} (off: {site_text(gone)}, on: {site_text(come)})"
+        action, end = move >> 1, move & 1
+        names, part = list(self.sites), slice(*self._starts[action : action + 2])
+        support = [names[site] for site in self._sites[part]]
+        says = list(zip(support, self._says[part], strict=True))
+        gone = in_order(site for site, bits in says if bits & 3 == 1 << end)
+        come = in_order(site for site, bits in says if bits & 3 == 2 >> end)
+        trace = in_order(site for site, bits in says if bits & IN_TRACE)
+        return f"{site_text(trace)} (off: {site_text(gone)}, on: {site_text(come)})"
 
 
-def _table(actions: list[Action], numbers: Ordinals[Site]) -> Table:
-    """Return the supports of actions; sites that are new get numbers, in canonical order."""
-    fresh = set(chain.from_iterable(action.support for action in actions)) - numbers.keys()
-    for site in in_order(fresh):
-        _ = numbers[site]
-    count = len(numbers)
-
-    def keys(parts: list[frozenset[Site]]) -> Longs:
-        """Return ``action * count + site`` for each site of each part, in order."""
-        sizes = np.fromiter(map(len, parts), np.int64, len(parts))
-        flat = np.fromiter(map(numbers.__getitem__, chain.from_iterable(parts)), np.int64)
-        return np.sort(np.repeat(np.arange(len(parts)), sizes) * count + flat)
-
-    support = keys([action.support for action in actions])
-    says = np.zeros(len(support), dtype=np.int8)
-    for bit, part in (
-        (1, keys([action.ends[0] for action in actions])),
-        (2, keys([action.ends[1] for action in actions])),
-        (IN_TRACE, keys([action.trace for action in actions])),
-        (IS_FREE, keys([action.free for action in actions])),
-    ):
-        says[np.searchsorted(support, part)] |= bit
-    guards = [sorted((numbers[a], numbers[b]) for a, b in action.guards) for action in actions]
-    pairs = list(chain.from_iterable(guards))
-    return Table(
-        _starts([len(action.support) for action in actions]),
-        (support % max(count, 1)).astype(np.int32),
-        says,
-        _starts([len(each) for each in guards]),
-        np.array(pairs, dtype=np.int32).reshape(-1, 2),
-    )
-
-
-def _starts(sizes: list[int]) -> Longs:
-    return np.concatenate((np.zeros(1, dtype=np.int64), np.cumsum(sizes, dtype=np.int64)))
-
-
-def _joined(one: Table, other: Table) -> Table:
-    """Return the actions of one table and then those of the other."""
-    return Table(
-        np.concatenate((one.starts, other.starts[1:] + one.starts[-1])),
-        np.concatenate((one.sites, other.sites)),
-        np.concatenate((one.says, other.says)),
-        np.concatenate((one.guard_starts, other.guard_starts[1:] + one.guard_starts[-1])),
-        np.concatenate((one.guards, other.guards)),
-    )
+def _key(sites: list[int], says: list[int], guards: list[int]) -> bytes:
+    return array("i", (len(sites), *sites, *says, *guards)).tobytes()

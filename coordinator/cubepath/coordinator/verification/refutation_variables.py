@@ -53,13 +53,18 @@ class Meanings:
     """The variables of a proof by what they mean; CheckError in one line if they are others."""
 
     def __init__(
-        self, proof: OptimalityProof, moves: Moves, windows: Windows, actions: Sequence[int]
+        self,
+        proof: OptimalityProof,
+        moves: Moves,
+        table: Table,
+        windows: Windows,
+        actions: Sequence[int],
     ) -> None:
         """Find the variables of `proof`; `actions` are the numbers here of its actions.
 
         An action that no schedule could use has the number -1.
         """
-        self._moves = moves
+        self._moves, self._table = moves, table
         self._windows = windows
         self._names: list[Site] = list(moves.sites)
         self._proof = proof
@@ -223,7 +228,7 @@ class Meanings:
         of_site = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)[order].astype(np.int32)
         at = np.searchsorted(found.sites[order], np.arange(count + 1)).astype(np.int64)
         move, group = _breaking(
-            self._moves.table, self._windows.first, self._windows.last, found, at, of_site
+            self._table, self._windows.first, self._windows.last, found, at, of_site
         )
         if move >= 0:
             raise CheckError(

@@ -16,7 +16,7 @@ from cubepath.protocol.recordings.cuts import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.remains import Remains
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.specs import names_file, scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.free_messages import Moved, Tail
 from cubepath.protocol.wire.messages import Report
@@ -53,9 +53,9 @@ def _equal(one: Scene, other: Scene) -> bool:
 
 
 def _may_be(named: str, scene: Scene) -> bool:
-    """Return whether a scene may be the one of a name, which may be a file that is not here."""
+    """Return whether a scene may be the one of a name in a recording, which opens no file."""
     try:
-        return _equal(scene_from_spec(named), scene)
+        return names_file(named) or _equal(scene_from_spec(named), scene)
     except InputError:
         return True
 

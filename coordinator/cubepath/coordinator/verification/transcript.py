@@ -84,7 +84,7 @@ class Round:
     reports: dict[int, Report] = field(default_factory=dict)
     edges: Edges | None = None
     batches: list[Said | Reports] = field(default_factory=list)
-    """What the parts came in; empty in format 1, where each is a message of its own."""
+    """What the parts came in."""
 
 
 Made: TypeAlias = frozenset[tuple[str, Site | None]]
@@ -146,6 +146,22 @@ class Transcript:
         return tuple(self.cubes[index] for index in sorted(self.cubes))
 
 
+class SharedMoves:
+    """Keeps one object for equal moves: there are few of them in many cubes."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
+
+    def cube(self, cube: Cube) -> Cube:
+        """Return an equal cube of such moves."""
+        return replace(cube, moves=[*map(self._shared, cube.moves)])
+
+    def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
+        at = site_in(placed.at)
+        return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
+
+
 class Sorting:
     """Sorts the messages of a recording; `fail` is called for what is wrong without any derivation.
 
@@ -173,7 +189,6 @@ class Sorting:
         self.found = Transcript(complete_rounds=first - 1)
         self._watch = watch
         self._gaps = gaps
-        self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
@@ -184,7 +199,7 @@ class Sorting:
         self._rounds: dict[int, Round] = {}
         self._count, self._highest = 0, -1
         self._closed = -inf
-        self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
+        self._moves = SharedMoves()
         # The rounds with reports, and who has reported the first that is not complete.
         self._first, self._last = inf, -inf
         self._known: frozenset[int] = frozenset()
@@ -210,14 +225,12 @@ class Sorting:
                 self._sort(part)
 
     def _check_form(self, record: Record, message: Message) -> None:
-        """Check that what modules say is in batches, or by itself, as the format has it."""
+        """Check that what modules say is in batches, none of them empty."""
         batch = isinstance(message, Said | Reports | Observations | Acts)
-        if batch and not self._in_batches:
-            self._fail("batches", f"{_place(record)} is a batch, in a recording of format 1")
-        elif batch and not parts_of(message):
+        if batch and not parts_of(message):
             self._fail("batches", f"{_place(record)} is empty")
-        elif self._in_batches and isinstance(message, _PARTS):
-            self._fail("batches", f"{_place(record)} is in no batch, as in format 1")
+        elif isinstance(message, _PARTS):
+            self._fail("batches", f"{_place(record)} is in no batch")
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
         """Yield the rounds that count, once each, in order; none below `least` is to come."""
@@ -266,17 +279,12 @@ class Sorting:
                 self._own_rules[process] = rule
             case Refused(count=count):
                 self.found.refused += count
-            case Cube(moves=moves):
-                self.found.take(replace(message, moves=[*map(self._shared, moves)]), self._fail)
+            case Cube():
+                self.found.take(self._moves.cube(message), self._fail)
             case Certified() | Summary():
                 self.found.take(message, self._fail)
             case _:
                 pass
-
-    def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
-        """Return one object for equal moves: there are few of them in many cubes."""
-        at = site_in(placed.at)
-        return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
 
     def _round(self, number: int) -> Round:
         if number < self._closed:

@@ -36,7 +36,7 @@ def claim_entry(
 
 def delivery_entries(report: Report, kinds: dict[str, int]) -> Iterable[Entry]:
     """Yield what a module was delivered as (kind, sender, receiver); new kinds get numbers."""
-    for kind, sender, _ in report.deliveries():
+    for kind, sender in report.deliveries():
         yield kinds.setdefault(kind, len(kinds)), sender, report.module
 
 

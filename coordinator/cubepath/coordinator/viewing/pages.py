@@ -25,6 +25,7 @@ _SCRIPTS = (
     "layers",
     "stage",
     "lanes",
+    "marks",
     "schedule",
     "heap",
     "complex",
@@ -51,7 +52,7 @@ def run_page(
     >>> cubes = normal_cube_path(played.path)
     >>> run_page(Shown(played.scene, played.steps, cubes), "run.html")
     >>> Path("run.html").read_text().count("<script")
-    15
+    16
     """
     if Path(path).suffix.lower() not in PAGE_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(PAGE_SUFFIXES)}")

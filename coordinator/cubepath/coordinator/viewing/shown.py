@@ -34,6 +34,7 @@ class Shown:
     of each move, if that is known already. `recording` gives the claims and the messages, if there
     is one, and `facts` are pairs of texts for the head of the page. With a `chain`, places from 0
     in the cubes one after another, they are the schedule of a certificate, which the chain proves.
+    `marks` are pairs of a step, from 1, and what the time axis says of it.
     """
 
     scene: Scene
@@ -45,6 +46,7 @@ class Shown:
     recording: Recording | None = None
     facts: tuple[tuple[str, str], ...] = ()
     chain: Sequence[int] | None = None
+    marks: Sequence[tuple[int, str]] = ()
 
 
 def document_of(shown: Sequence[Shown], progress: Progress | None = None) -> dict[str, Any]:
@@ -100,6 +102,8 @@ def _paths(each: Shown, world: World, number: int, tell: Progress) -> list[dict[
     if found is None:
         found = cancellations(action for step in each.steps for action in step)
     path |= {"level": found.levels, "partner": found.partners}
+    if each.marks:
+        path["marks"] = [list(mark) for mark in each.marks]
     if each.recording is not None:
         tell("claims")
         path["claims"] = claims_document(world, each.recording, len(each.steps))

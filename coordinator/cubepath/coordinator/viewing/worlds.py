@@ -115,7 +115,7 @@ class World:
                 "begins": np.cumsum([0, *moves]),
                 "source": np.array([source for source, _ in flat], np.int64),
                 "target": np.array([target for _, target in flat], np.int64),
-                "corner": self._corners(picture, sites),
+                **self._pivots(picture, sites),
             },
         }
 
@@ -133,13 +133,18 @@ class World:
             return None
         return np.array([self._sites.get(site, -1) for site in in_order(self.scene.goal)])
 
-    def _corners(self, picture: Still, sites: Sequence[Site]) -> NDArray[np.float64]:
-        found: list[tuple[float, float]] = []
+    def _pivots(self, picture: Still, sites: Sequence[Site]) -> dict[str, NDArray[np.float64]]:
+        corners: list[tuple[float, float]] = []
+        turns: list[float] = []
         for action, motion in zip(self._actions, self._motions, strict=True):
             for source, target in motion:
-                corner = picture.corner(action, sites[source], sites[target])
-                found.append((np.nan, np.nan) if corner is None else corner)
-        return np.array(found, np.float64).reshape(-1)
+                pivot = picture.pivot(action, sites[source], sites[target])
+                corners.append((0, 0) if pivot is None else pivot.about)
+                turns.append(0 if pivot is None else pivot.turn)
+        return {
+            "corner": np.array(corners, np.float64).reshape(-1),
+            "turn": np.array(turns, np.float64),
+        }
 
 
 def _layer(drawn: Drawn) -> dict[str, Any]:

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         InputFile,
         Source,
         check_not_empty,
+        file_within,
         opened,
         read_text,
         readable,
@@ -117,8 +118,8 @@ else:
             "errors": "CheckError CubepathError ExcludedError InputError RuleError bounded",
             "given": "function real_number seconds whole_number",
             "input_files": (
-                "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source check_not_empty opened read_text"
-                " readable"
+                "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source check_not_empty file_within opened"
+                " read_text readable"
             ),
             "json_keys": "check_keys",
             "keyed_values": "Keys all_values given_values",
@@ -198,6 +199,7 @@ __all__ = [
     "counted",
     "did_you_mean",
     "end_at",
+    "file_within",
     "function",
     "given_values",
     "in_order",

@@ -213,6 +213,7 @@ class Catalogue:
         for generator in self.generators:
             for cell in generator.support:
                 self.lattice.check(cell)
+        self._check_different()
         object.__setattr__(self, "by_name", dict(zip(names, self.generators, strict=True)))
         templates: dict[Cell, list[_Template]] = {}
         for generator in self.generators:
@@ -222,6 +223,19 @@ class Catalogue:
         object.__setattr__(
             self, "templates", {orbit: tuple(found) for orbit, found in templates.items()}
         )
+
+    def _check_different(self) -> None:
+        """Raise InputError if two generators are equal: translated, or read backwards."""
+        known: dict[Action, str] = {}
+        for generator in self.generators:
+            corner = [-min(along) for along in zip(*generator.support, strict=True)]
+            action = generator.place(self.lattice, tuple(corner[: self.lattice.dimension]))
+            first = known.setdefault(action, generator.name)
+            if first != generator.name:
+                raise InputError(
+                    f"generator {generator.name!r} equals {first!r}, up to a translation: expected"
+                    " each once"
+                )
 
     def orbit(self, cell: Cell) -> Cell:
         """Return the representative of the cell's orbit under translation."""

@@ -2,7 +2,8 @@
 
 Every reader takes a path, or a file that is already open because its format was inspected. So a
 command opens each of its inputs once, and all that it reports concerns one moment. Input that
-cannot be rewound, such as a pipe, is read into memory. Only the files that are given are touched.
+cannot be rewound, such as a pipe, is read into memory. Only the files that are given are touched,
+and those that they name in their own folder; see `file_within`.
 """
 
 from __future__ import annotations
@@ -139,6 +140,22 @@ def check_not_empty(file: InputFile) -> None:
     expected = _TOLD_BY_NAME.get(file.path.suffix.lower())
     if expected is not None and not file.head(1):
         raise InputError(f"{file.path}: empty file, expected {expected}")
+
+
+def file_within(folder: Path, name: Path | str) -> Path:
+    """Return the path of what an input in a folder names, or of a file in a folder that you gave.
+
+    InputError unless it is in that folder: an absolute path, ``..`` or a symbolic link could lead
+    anywhere, and an input does not choose what is read and written there.
+    """
+    path, real = folder / name, os.path.realpath(folder)
+    inside = os.path.commonpath([real, os.path.realpath(path)]) == real
+    if Path(name).is_absolute() or not inside:
+        raise InputError(
+            f"{path}: leads out of {folder}, expected a path in that folder, or the file itself on"
+            " the command line"
+        )
+    return path
 
 
 def read_text(source: Source) -> str:

@@ -22,12 +22,8 @@ class GeneratorPlacement(msgspec.Struct, frozen=True):
 
 
 def schema_with_definitions(kind: type[msgspec.Struct]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the JSON Schema (2020-12) of an object, and by name the schemas that it refers to.
-
-    A `GeneratorPlacement` is "Placed" there, as in all schemas since the first version.
-    """
-    text = msgspec.json.encode(msgspec.json.schema(kind))
-    schema = msgspec.json.decode(text.replace(b"GeneratorPlacement", b"Placed"))
+    """Return the JSON Schema (2020-12) of an object, and by name the schemas that it refers to."""
+    schema = msgspec.json.schema(kind)
     definitions: dict[str, Any] = schema.pop("$defs", {})
     name = str(schema.pop("$ref", "")).rpartition("/")[2]
     return definitions.pop(name, schema), definitions

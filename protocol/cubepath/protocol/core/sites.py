@@ -1,6 +1,6 @@
 """Sites: the hashable places of a workspace, their JSON form, canonical order and key chunks.
 
-A site is any JSON scalar or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
+A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
 ``(x, y, axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
 """
 
@@ -15,7 +15,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 
 Site = Hashable
-"""What can be on or off: a JSON scalar or a tuple of sites."""
+"""What can be on or off: a number, a text, or a tuple of sites."""
 
 _encode = msgspec.json.Encoder().encode
 
@@ -27,7 +27,8 @@ DEPTH_MAX = 64
 def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
     """Return the site that a JSON value stands for: lists become tuples, up to `deep` levels.
 
-    Raises InputError for objects and null, which name no place, and for lists nested deeper.
+    Raises InputError for objects, booleans and null, which name no place, and for lists nested
+    deeper. In Python True equals 1, in JSON it does not.
 
     >>> site_from_json([[0, 1], "x"])
     ((0, 1), 'x')
@@ -35,12 +36,18 @@ def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
     if isinstance(value, list | tuple):
         if not deep:
             raise InputError(f"a site is lists in lists {DEPTH_MAX} deep at most, found more")
+        for item in value:
+            if type(item) is not int:
+                break
+        else:  # a cell, as nearly always: a call for each number would take thrice as long
+            return tuple(value)
         return tuple([site_from_json(item, deep - 1) for item in value])
     if isinstance(value, float) and value.is_integer():
         return int(value)  # 1.0 and 1 are one site, so they need one text
-    if isinstance(value, str | int | float):
+    if isinstance(value, str | int | float) and not isinstance(value, bool):
         return value
-    raise InputError(f"a site is a JSON number, string or list, found {value!r}")
+    found = site_text(value) if value is None or isinstance(value, bool) else repr(value)
+    raise InputError(f"a site is a JSON number, string or list, found {found}")
 
 
 def sites_from_json(values: Iterable[object]) -> tuple[Site, ...]:

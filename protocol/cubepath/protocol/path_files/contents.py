@@ -192,9 +192,6 @@ class _Reading:
         values = _values(b"[" + text + b"]")
         if len(values) != count - known:
             raise OddError("texts of sites that are not one value each")
-        # In Python True equals 1, in JSON it does not: only the whole file can tell what is meant.
-        if (b"true" in text or b"false" in text) and any(map(_has_boolean, values)):
-            raise OddError("booleans")
         numbers = [self._site_number(_site(value)) for value in values]
         self._meant = _longer(self._meant, count)
         self._meant[known:count] = numbers
@@ -276,12 +273,6 @@ def _site(value: object) -> Site:
     if type(value) is list and set(map(type, value)) <= _FLAT:
         return tuple(value)  # most are flat lists, and then this is all
     return site_from_json(value)
-
-
-def _has_boolean(value: object) -> bool:
-    if isinstance(value, list):
-        return any(map(_has_boolean, value))
-    return isinstance(value, bool)
 
 
 def _none(kind: type[_Entry]) -> NDArray[_Entry]:

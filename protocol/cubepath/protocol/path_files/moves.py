@@ -395,18 +395,18 @@ class _Known:
 
 
 class _Sites:
-    """The sites of a file, each kept once; in Python True equals 1, in JSON it does not."""
+    """The sites of a file, each kept once."""
 
     def __init__(self) -> None:
         self._kept: dict[Site, Site] = {}
         self._booleans = False
 
     def watch(self, line: bytes) -> None:
-        """Check for booleans from the first line on that may have one."""
-        self._booleans = self._booleans or b"true" in line or b"false" in line
+        """Note whether this line may have booleans, which are no sites but equal some in Python."""
+        self._booleans = b"true" in line or b"false" in line
 
     def read(self, values: Iterable[Json]) -> list[Site]:
-        """Return the sites; InputError if one is invalid, or equals another only in Python."""
+        """Return the sites; InputError if one is invalid."""
         return [self._seen(value) or self._new(value) for value in values]
 
     def _seen(self, value: Json) -> Site | None:
@@ -420,20 +420,7 @@ class _Sites:
 
     def _new(self, value: Json) -> Site:
         site = site_from_json(value)
-        known = self._kept.setdefault(site, site)
-        if self._booleans and not _alike(known, site):
-            raise InputError(
-                f"site {_encode(site).decode()} where another is {_encode(known).decode()}:"
-                " expected booleans or the numbers 0 and 1, not both"
-            )
-        return known
-
-
-def _alike(one: Site, other: Site) -> bool:
-    """Return whether equal sites have their booleans in the same places."""
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return all(_alike(a, b) for a, b in zip(one, other, strict=True))
-    return isinstance(one, bool) is isinstance(other, bool)
+        return self._kept.setdefault(site, site)
 
 
 def _move_line(move: PathMove) -> GeneratorPlacement | ContentsLine:

@@ -30,7 +30,6 @@ BATCHES = {
     "turns": frozenset({"turn"}),
 }
 """The kinds of messages that are batches, with the kinds of their parts."""
-_PARTS = frozenset[str]().union(*BATCHES.values())
 
 
 class _Part(msgspec.Struct, gc=False):
@@ -51,13 +50,13 @@ class Kind(msgspec.Struct):
     bytes: int = 0
 
 
-_Known: TypeAlias = tuple[Kind, str | None, bool]
-"""Of a topic: its kind, the name of it if its messages are parts, and if they are batches."""
+_Known: TypeAlias = tuple[Kind, bool]
+"""Of a topic: its kind, and whether its messages are batches."""
 
 
 @dataclass(slots=True)
 class Counts:
-    """The counts of a recording; `parts` is by kind, of batches and of messages that are parts."""
+    """The counts of a recording; `parts` counts what batches hold, by kind."""
 
     messages: int = 0
     kinds: dict[str, Kind] = field(default_factory=dict)
@@ -69,7 +68,7 @@ class Counts:
 
     def add(self, topic: str, data: bytes, wall_ns: int) -> None:
         """Count a message."""
-        kind, name, is_batch = self._known.get(topic) or self._know(topic)
+        kind, is_batch = self._known.get(topic) or self._know(topic)
         self.messages += 1
         kind.messages += 1
         kind.bytes += len(data)
@@ -84,13 +83,11 @@ class Counts:
             for part in _parts(data):
                 said = part.kind
                 counted[said] = counted.get(said, 0) + 1
-        elif name is not None:
-            self.parts[name] = self.parts.get(name, 0) + 1
 
     def _know(self, topic: str) -> _Known:
         name = kind_in(topic)
         kind = self.kinds.setdefault(name, Kind())
-        known = kind, name if name in _PARTS else None, name in BATCHES and name not in _PARTS
+        known = kind, name in BATCHES
         self._known[topic] = known
         self.topics += 1
         return known

@@ -43,10 +43,10 @@ def filter_recording(
     pattern of `topics` matches nothing on record, if nothing is left, or if `out` exists or cannot
     be written.
 
-    >>> filter_recording("logs/golden/hex-5.mcap", "reports.mcap", topics=["report"], until=10)
-    50
+    >>> filter_recording("logs/golden/hex-5.mcap", "reports.mcap", topics=["reports"], until=10)
+    20
     >>> read_recording("reports.mcap").parameters["filtered"]
-    'topics report, until 10'
+    'topics reports, until 10'
     """
     recording, out = read_undamaged(source), Path(out)
     selection = Selection(tuple(topics), tuple(exclude), first, until)

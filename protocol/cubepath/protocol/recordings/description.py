@@ -19,8 +19,8 @@ FORMAT = "cubepath-recording-2"
 """The format of runs with rounds: modules say messages in batches, `said` and `reports`."""
 FREE_FORMAT = "cubepath-recording-3"
 """The format of runs without rounds, which have keepers, versions and levels."""
-FORMATS = ("cubepath-recording-1", FORMAT, FREE_FORMAT)
-"""The formats that are read. In the first every part is a message of its own."""
+FORMATS = (FORMAT, FREE_FORMAT)
+"""The formats that are read."""
 Clock: TypeAlias = Literal["lockstep", "free"]
 METADATA = "cubepath"
 """The name of the metadata record with the parameters."""

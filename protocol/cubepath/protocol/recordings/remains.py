@@ -16,7 +16,6 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.counts import BATCHES
 from cubepath.protocol.recordings.description import (
     FORMAT,
-    FORMATS,
     FREE_FORMAT,
     METADATA,
     parameters_in,
@@ -73,7 +72,7 @@ def remains_of(source: Source) -> Remains:
 
     >>> found = remains_of("logs/golden/hex-5.mcap")
     >>> len(found.records), found.problems
-    (630, ())
+    (573, ())
     """
     found = read(source)
     problems = list(found.problems)
@@ -118,7 +117,7 @@ def _described(found: Found, problems: list[str]) -> tuple[str, dict[str, str]]:
 def _format_of(found: Found) -> str | None:
     """Return the format that the messages are in; None if they are not those of a run."""
     kinds = {record.kind for record in found.records}
-    if kinds <= KINDS.keys():
-        alone = {kind for batch, held in BATCHES.items() if batch in KINDS for kind in held}
-        return FORMATS[0] if kinds & alone else FORMAT
-    return FREE_FORMAT if kinds <= KINDS.keys() | FREE_KINDS.keys() else None
+    of_rounds = {*KINDS}.difference(*BATCHES.values())
+    if kinds <= of_rounds:
+        return FORMAT
+    return FREE_FORMAT if kinds <= of_rounds | FREE_KINDS.keys() else None

@@ -18,7 +18,12 @@ if TYPE_CHECKING:
         family_named,
         sound_family,
     )
-    from cubepath.protocol.scenes.specs import scene_from_spec
+    from cubepath.protocol.scenes.specs import (
+        is_scene_file,
+        names_file,
+        scene_from_spec,
+        spec_within,
+    )
     from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 else:
     __getattr__, __dir__ = lazy_face(
@@ -27,7 +32,7 @@ else:
             "families.hexagons": "hex_catalogue",
             "family": "Family",
             "registry": "all_families families_of family_named sound_family",
-            "specs": "scene_from_spec",
+            "specs": "is_scene_file names_file scene_from_spec spec_within",
             "toml": "read_scene scene_from_toml scene_to_toml",
         },
     )
@@ -38,9 +43,12 @@ __all__ = [
     "families_of",
     "family_named",
     "hex_catalogue",
+    "is_scene_file",
+    "names_file",
     "read_scene",
     "scene_from_spec",
     "scene_from_toml",
     "scene_to_toml",
     "sound_family",
+    "spec_within",
 ]

@@ -22,6 +22,11 @@ def _not_known(_system: System, _start: State) -> bool:
     return False
 
 
+def no_file(_key: str, _value: str) -> bool:
+    """Return that no key names a file."""
+    return False
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """A family of scenes: its keys with their defaults and one line on each.
@@ -47,6 +52,9 @@ class Family:
     """Return whether all paths between two states reachable from the given one are known to be
     homotopic; the proof stands beside the function. It is called for every system of the class, so
     it looks at what the system is, not at its name."""
+    is_file: Callable[[str, str], bool] = no_file
+    """Return whether the value of a key is the path of a file. In a sweep's file such a path is
+    relative to its folder and stays in it, and a name in a recording opens no file."""
 
 
 def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> int:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from typing import cast
 
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.keyed_values import all_values, given_values
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family
@@ -18,14 +20,48 @@ from cubepath.protocol.scenes.toml import read_scene
 def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
     name, _, rest = spec.partition(":")
-    # The file may also be a pipe, such as /dev/fd/63 from a shell's process substitution.
-    if (spec.endswith(".toml") or "/" in name) and sound_family(name) is None:
+    if is_scene_file(spec):
         return read_scene(Path(spec))
     family = family_named(name)
     given = given_values(rest, family.keys, spec)
     shown = ",".join(f"{key}={given[key]}" for key in family.keys if key in given)
     scene = _built(spec, family, all_values(given, family.keys))
     return replace(scene, spec=f"{name}:{shown}" if shown else name)
+
+
+def is_scene_file(spec: str) -> bool:
+    """Return whether a name is the path of a scene's file."""
+    name = spec.partition(":")[0]
+    # The file may also be a pipe, such as /dev/fd/63 from a shell's process substitution.
+    return (spec.endswith(".toml") or "/" in name) and sound_family(name) is None
+
+
+def names_file(spec: str) -> bool:
+    """Return whether a name, or the value of one of its keys, is the path of a file.
+
+    InputError if there is no such family or key.
+    """
+    name, _, rest = spec.partition(":")
+    if is_scene_file(spec):
+        return True
+    family = family_named(name)
+    return any(starmap(family.is_file, given_values(rest, family.keys, spec).items()))
+
+
+def spec_within(folder: Path, spec: str) -> str:
+    """Return a name that an input in a folder has, with the paths of its files from here.
+
+    InputError if one leads out of the folder, or there is no such family or key.
+    """
+    if is_scene_file(spec):
+        return str(file_within(folder, spec))
+    name, colon, rest = spec.partition(":")
+    family = family_named(name)
+    values = {
+        key: str(file_within(folder, value)) if family.is_file(key, value) else value
+        for key, value in given_values(rest, family.keys, spec).items()
+    }
+    return name + colon + ",".join(f"{key}={value}" for key, value in values.items())
 
 
 def _built(spec: str, family: Family, values: Mapping[str, str]) -> Scene:

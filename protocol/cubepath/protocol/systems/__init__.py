@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         graph_from_map,
         graph_from_name,
         graph_round,
+        is_named_graph,
         scenario_from_json,
     )
     from cubepath.protocol.systems.lattice import LatticeSystem
@@ -39,7 +40,8 @@ else:
             "flips": "FlipSystem flip_of",
             "graph": "COMPASS GraphSystem along_edge",
             "graphs": (
-                "Graph Scenario graph_from_map graph_from_name graph_round scenario_from_json"
+                "Graph Scenario graph_from_map graph_from_name graph_round is_named_graph"
+                " scenario_from_json"
             ),
             "lattice": "LatticeSystem",
             "listed": "TabledSystem",
@@ -67,6 +69,7 @@ __all__ = [
     "graph_from_map",
     "graph_from_name",
     "graph_round",
+    "is_named_graph",
     "quadrilateral",
     "scenario_from_json",
 ]

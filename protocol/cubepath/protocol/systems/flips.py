@@ -228,9 +228,8 @@ class FlipSystem(System):
         """Return the flip of a diagonal in an empty convex quadrilateral with these corners."""
         a, b, c, d = sorted(ring)
         found = self._flips.get((a, b, c, d))
-        if found is None:
-            return self._flip(quadrilateral(*ring))
-        return _beginning_at(edge, found)
+        # What is not cached is not kept either: it is found once, and there may be millions.
+        return flip_of(quadrilateral(*ring)) if found is None else _beginning_at(edge, found)
 
     def has_place(self, place: Site) -> bool:
         """Return whether an edge is in some triangulations and not in all of them."""

@@ -62,6 +62,11 @@ def grid_graph(free: set[tuple[int, int]]) -> Graph:
 _NAMED = re.compile(r"(grid([0-9]+)x([0-9]+)|([KCPS])([0-9]+))")
 
 
+def is_named_graph(name: str) -> bool:
+    """Return whether a graph is known by this name, which else is that of a file."""
+    return _NAMED.fullmatch(name) is not None
+
+
 def graph_from_name(name: str) -> Graph:
     """Return the graph that `name` stands for.
 

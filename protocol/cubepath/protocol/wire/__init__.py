@@ -118,6 +118,7 @@ if TYPE_CHECKING:
         check_descriptors,
         check_endpoint,
         is_heard,
+        is_reachable,
         open_client,
         open_router,
         publisher,
@@ -168,8 +169,8 @@ else:
             "router": "Router check_secure without_tls",
             "sayings": "BIRTHS_OF_A_FLEET Sayings",
             "sessions": (
-                "check_descriptors check_endpoint is_heard open_client open_router publisher put "
-                "routers_of subscribe wait_for_ear watch"
+                "check_descriptors check_endpoint is_heard is_reachable open_client open_router "
+                "publisher put routers_of subscribe wait_for_ear watch"
             ),
             "shell": "Shell",
             "sockets": "PASSWORDS clear discard is_private new_endpoint",
@@ -279,6 +280,7 @@ __all__ = [
     "heard_of_tile",
     "is_heard",
     "is_private",
+    "is_reachable",
     "keeper_name",
     "key_of",
     "kind_of",

@@ -6,8 +6,6 @@ phase to a region travels as one message with its parts, `said`; their reports a
 The coordinator paces rounds with `go`, and processes answer `ready`; both count the messages of the
 phase, so that a receiver knows what it misses and asks for it `again`, and carry nothing else.
 
-In recordings of format 1 (cubepath 0.1.0) every part is a message of its own.
-
 Bytes with a field of another type, a number or a text beyond its bounds, or without a field are no
 message; a field that is not known is of a later version, and is passed over.
 """
@@ -69,23 +67,12 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
     to: list[Json]
 
 
-class Heard(msgspec.Struct, frozen=True):
-    """One delivery to a module: the kind of message, its sender and where the sender stood.
-
-    Reports of format 1 have these.
-    """
-
-    kind: Name
-    module: Count
-    site: Json
-
-
 class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     """A module's announcement at the end of a round, one each, in any order of arrival.
 
     It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move`
     is what it executed. `heard` is every part that it was delivered in this round: by kind the
-    modules that said it, in increasing order. In format 1 it is a list.
+    modules that said it, in increasing order.
     """
 
     round: Count
@@ -94,18 +81,14 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     site: Json
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
-    heard: dict[Name, list[Count]] | list[Heard]
+    heard: dict[Name, list[Count]]
     failed: str | None = None
 
-    def deliveries(self) -> Iterator[tuple[str, int, Json | None]]:
-        """Yield the kind and the sender of each delivery, and where it stood if that is told."""
-        if isinstance(self.heard, dict):
-            for kind, senders in self.heard.items():
-                for sender in senders:
-                    yield kind, sender, None
-        else:
-            for one in self.heard:
-                yield one.kind, one.module, one.site
+    def deliveries(self) -> Iterator[tuple[str, int]]:
+        """Yield the kind and the sender of each delivery."""
+        for kind, senders in self.heard.items():
+            for sender in senders:
+                yield kind, sender
 
 
 Part: TypeAlias = Here | Note | Claim | Verdict

@@ -9,9 +9,11 @@ cut off, comes back, and asks for what it missed. Measured with eclipse-zenoh 1.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import resource
+import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -36,6 +38,8 @@ _POLL_S = 0.0005
 _AGAIN_S = 0.1
 _OPEN_S = 10.0
 """After this time an attempt to connect is over."""
+_TAKE_S = 1.0
+"""After this time nothing takes a connection at an address."""
 _GONE_S_MAX, _STILL_S_MAX = 10.0, 60.0
 """How long a part of a run tries to reach its router: one that is not there, or stands still."""
 _PLACE = r"(?:\[[0-9a-fA-F:]+\]|[^/\s:\[\]#?;]+):[0-9]{1,5}"
@@ -140,6 +144,32 @@ def reachable(endpoint: str) -> str:
     scheme, _, rest = endpoint.partition("/")
     host, _, port = rest.rpartition(":")
     return f"{scheme}/{_EVERYWHERE[host]}:{port}" if host in _EVERYWHERE else endpoint
+
+
+def is_reachable(endpoint: str, patience_s: float) -> bool:
+    """Return whether something takes connections at ``tcp/`` or ``tls/`` within so many seconds.
+
+    A router that stands still counts: the system takes them for it.
+    """
+    place, _, own = endpoint.partition("#bind=")
+    deadline = time.monotonic() + patience_s
+    while True:
+        left_s = deadline - time.monotonic()
+        with contextlib.suppress(OSError):
+            socket.create_connection(
+                _address(place.partition("/")[2]),
+                timeout=max(_AGAIN_S, min(_TAKE_S, left_s)),
+                source_address=_address(own) if own else None,
+            ).close()
+            return True
+        if left_s <= _AGAIN_S:
+            return False
+        time.sleep(_AGAIN_S)
+
+
+def _address(place: str) -> tuple[str, int]:
+    host, _, port = place.rpartition(":")
+    return host.strip("[]"), int(port)
 
 
 def open_client(

@@ -25,25 +25,35 @@
       Object.assign(this, { view, which, details, said: "" });
     }
 
-    /** Tell what is to be told now; nothing is touched if that is the same as before. */
+    /** Tell what is to be told now; return false, and touch nothing, if that is as before. */
     tell() {
       const { view } = this;
       const step = Math.ceil(view.clock.t - 1e-9);
       const looked = view.move ? `${view.paths.indexOf(view.move.path)} ${view.move.move}` : "";
       const key = `${step} ${view.module} ${looked} ${view.stages.map((each) => view.paths.indexOf(each.path))}`;
-      if (key === this.said) return;
+      if (key === this.said) return false;
       this.said = key;
       const parts = [];
       if (view.module !== null) view.stages.forEach((stage) => this._module(parts, stage.path, view.module, step));
       else view.stages.forEach((stage) => this._step(parts, stage.path, step));
-      this.which.textContent = view.module !== null ? `Module ${view.module}` : `Step ${step}`;
+      this.which.textContent = view.module !== null ? `Module ${view.module}` : this._heading(step);
       this.details.replaceChildren(...parts);
+      return true;
+    }
+
+    /** The step of each side that is not over, as the captions have it: "Round 4, cube 4". */
+    _heading(step) {
+      const paths = this.view.stages.map((stage) => stage.path);
+      const going = paths.filter((path) => step <= path.steps);
+      const names = (going.length ? going : paths).map((path) => path.label(Math.min(step, path.steps)));
+      const words = [...new Set(names)].join(", ");
+      return words[0].toUpperCase() + words.slice(1);
     }
 
     _step(parts, path, step) {
       parts.push(element("h3", {}, path.title));
       if (step > path.steps) {
-        parts.push(element("p", { class: "quiet" }, `over after ${path.steps} ${plural(path.name, path.steps)}`));
+        parts.push(element("p", { class: "quiet" }, `over after ${path.label(path.steps)}`));
         return;
       }
       const list = element("ul");
@@ -56,6 +66,9 @@
       }
       if (end - begin > SHOWN) list.append(element("li", { class: "quiet" }, `and ${end - begin - SHOWN} more`));
       if (end === begin) list.append(element("li", { class: "quiet" }, step ? "no move" : "the start"));
+      for (const [at, words] of path.data.marks ?? []) {
+        if (at === step) parts.push(element("p", { class: "mark" }, words));
+      }
       parts.push(list);
       this._claims(parts, path, step);
       this._heard(parts, path, step);
@@ -111,7 +124,7 @@
     _move(say, path, move, step) {
       const { data } = path;
       const at = path.stepOf(move);
-      say(at === step ? "makes" : "made", `${path.world.nameOf(path.rows[move])}, ${path.name} ${at}`);
+      say(at === step ? "makes" : "made", `${path.world.nameOf(path.rows[move])}, ${path.label(at)}`);
       const below = path.below[move];
       say("waited for", below < 0 ? "nobody" : this._named(path, below));
       if (data.level) {
@@ -123,7 +136,7 @@
 
     _named(path, move) {
       const module = path.modulesOf(move)[0];
-      return `module ${path.world.modules.word[module]}, ${path.world.nameOf(path.rows[move])}, ${path.name} ${path.stepOf(move)}`;
+      return `module ${path.world.modules.word[module]}, ${path.world.nameOf(path.rows[move])}, ${path.label(path.stepOf(move))}`;
     }
 
     _lost(path, module, step) {

@@ -76,6 +76,19 @@
       context.restore();
     }
 
+    /** Draw a line where a step begins that has a mark. */
+    mark(context, step) {
+      const x = this.x(Math.max(0, step - 1));
+      context.strokeStyle = cubepath.colour("mark");
+      context.lineWidth = 2;
+      context.setLineDash([5, 3]);
+      context.beginPath();
+      context.moveTo(x, TOP);
+      context.lineTo(x, this.y(this.count));
+      context.stroke();
+      context.setLineDash([]);
+    }
+
     /** Draw where the clock is, and the part that is repeated. */
     cursor(context, clock) {
       const bottom = this.y(this.count);

@@ -36,7 +36,6 @@
       this.stale = Infinity; // the first step of which something was said anew
       this.state = null;
       this.ending = null;
-      this.before = 0;
       this._bar();
       // The newest step is shown where the clock is: at the start there is none.
       view.clock.t = 0;
@@ -154,7 +153,7 @@
     }
 
     _steps({ from, before, world, rows, states }) {
-      this.before = before;
+      this.path.before = before;
       if (world) grow(this.path.world, world);
       if (from < this.path.steps) truncate(this.path, from);
       this.stale = Math.min(this.stale, from + 1);
@@ -238,7 +237,7 @@
 
     _say() {
       const { state, ending } = this;
-      const round = `${this.path.name} ${this.before + this.path.steps}`;
+      const round = this.path.label(this.path.steps);
       const how = { goal: "goal reached", "max-rounds": "as many rounds as it may have" };
       let said = `${round}: goes on`;
       if (ending) said = `ended in ${round}: ${ending.error ?? how[ending.ended] ?? ending.ended}`;
@@ -260,8 +259,8 @@
     async saved() {
       const { view, data } = this;
       const paths = view.paths.map((path) => {
-        const { ends, rows, below, depth } = path;
-        return { ...path.data, ends, rows, below, depth };
+        const { before, ends, rows, below, depth } = path;
+        return { ...path.data, ...(before && { before }), ends, rows, below, depth };
       });
       const worlds = data.worlds.map((world, number) =>
         Object.fromEntries(Object.keys(world).map((key) => [key, view.worlds[number][key]])));
@@ -285,9 +284,7 @@
 
   /** Take what has come to a world. */
   function grow(world, { sites, rows, ...frame }) {
-    // There is no JSON for a number that is none: of a move that goes straight.
-    const corner = rows.corner.map((value) => value ?? NaN);
-    world.extend({ sites, rows: { ...rows, corner } });
+    world.extend({ sites, rows });
     Object.assign(world, frame);
   }
 

@@ -125,6 +125,7 @@
     /** Forget what was kept of the drawing. */
     forget() {
       for (const part of [...this.stages, ...Object.values(this.charts)]) part.forget();
+      cubepath.writeMarks(byId("marks"), this);
       this._legend();
       this.changed();
     }
@@ -179,41 +180,48 @@
       const { clock } = this;
       for (const stage of this.stages) stage.draw(clock.t);
       this.chart.draw();
-      this._say();
-      // Nobody reads faster than this, and lines of text cost more than modules.
+      this._control();
+      // Nobody reads faster than this, and lines of text cost more than modules. All words change
+      // together, so that they always name the same step.
       const now = performance.now();
-      if (!clock.way || !(now - this.toldAt < 200)) {
-        this.inspector.tell();
-        this.toldAt = now;
-      }
+      if (clock.way && now - this.toldAt < 200) return;
+      const said = this._say(), told = this.inspector.tell();
+      if (said || told) this.toldAt = now;
     }
 
-    /** Say where we are: beside the pictures, on the slider, and to whoever cannot see. */
-    _say() {
+    /** Show where we are on the slider, and how it goes on. */
+    _control() {
       const { clock } = this, time = byId("time");
+      if (document.activeElement !== time || Number(time.value) !== clock.t) time.value = String(clock.t);
+      byId("speed").textContent = `${clock.speed} ${clock.speed === 1 ? "step" : "steps"}/s`;
+      for (const [id, pressed] of [["play", clock.way > 0], ["rewind", clock.way < 0], ["loop", clock.looping]]) {
+        byId(id).setAttribute("aria-pressed", String(pressed));
+      }
+      byId("play").setAttribute("aria-label", clock.way > 0 ? "Pause" : "Play");
+    }
+
+    /** Say where we are: beside the pictures, and to whoever cannot see; return whether that is new. */
+    _say() {
+      const { clock } = this;
       const parts = this.stages.map((stage) => {
         const { path } = stage, step = Math.min(Math.ceil(clock.t - 1e-9), path.steps);
         path.goTo(Math.floor(Math.min(clock.t, path.steps)));
         const end = clock.t >= path.steps ? (path.reached === true ? ", goal" : path.goesOn ? "" : ", end") : "";
         return { path, step, end, canvas: stage.canvas, where: stage.where };
       });
-      const said = parts.map(({ path, step, end }) => `${path.name} ${step} of ${path.steps}${end}`);
-      if (said.join() !== this._saidBefore) {
-        this._saidBefore = said.join();
-        parts.forEach(({ path, step, end, where, canvas }, each) => {
-          where.replaceChildren(`${path.name} `, cubepath.element("b", {}, String(step)), ` of ${path.steps}${end}`);
-          canvas.setAttribute("aria-label", `${path.title}: ${said[each]}`);
-        });
-        time.setAttribute("aria-valuetext", said.join("; "));
-      }
-      if (document.activeElement !== time || Number(time.value) !== clock.t) time.value = String(clock.t);
+      const last = (path) => path.before + path.steps;
+      const said = parts.map(({ path, step, end }) => `${path.label(step)} of ${last(path)}${end}`);
+      const words = said.join("; ");
       // While it plays, somebody who listens would hear nothing else.
-      if (!clock.way && byId("now").textContent !== said.join("; ")) byId("now").textContent = said.join("; ");
-      byId("speed").textContent = `${clock.speed} ${clock.speed === 1 ? "step" : "steps"}/s`;
-      for (const [id, pressed] of [["play", clock.way > 0], ["rewind", clock.way < 0], ["loop", clock.looping]]) {
-        byId(id).setAttribute("aria-pressed", String(pressed));
-      }
-      byId("play").setAttribute("aria-label", clock.way > 0 ? "Pause" : "Play");
+      if (!clock.way && byId("now").textContent !== words) byId("now").textContent = words;
+      if (words === this._saidBefore) return false;
+      this._saidBefore = words;
+      parts.forEach(({ path, step, end, where, canvas }, each) => {
+        where.replaceChildren(`${path.name} `, cubepath.element("b", {}, String(path.before + step)), ` of ${last(path)}${end}`);
+        canvas.setAttribute("aria-label", `${path.title}: ${said[each]}`);
+      });
+      byId("time").setAttribute("aria-valuetext", words);
+      return true;
     }
   }
 

@@ -36,17 +36,16 @@
     if (one.shape === BAR && other.shape === BAR) {
       return world.joints ? rigid(one, other, part, pose) : elastic(one, other, part, pose);
     }
-    const cx = world.rows.corner[2 * place], cy = world.rows.corner[2 * place + 1];
-    if (Number.isNaN(cx)) {
+    const turn = world.rows.turn[place];
+    if (!turn) {
       pose.x = one.x + part * (other.x - one.x);
       pose.y = one.y + part * (other.y - one.y);
     } else {
-      const first = Math.atan2(one.y - cy, one.x - cx);
-      const angle = part * nearest(Math.atan2(other.y - cy, other.x - cx) - first, 2 * Math.PI);
-      const far = Math.hypot(one.x - cx, one.y - cy);
-      pose.x = cx + far * Math.cos(first + angle);
-      pose.y = cy + far * Math.sin(first + angle);
-      pose.turn = angle;
+      const cx = world.rows.corner[2 * place], cy = world.rows.corner[2 * place + 1];
+      const cos = Math.cos(part * turn), sin = Math.sin(part * turn);
+      pose.x = cx + cos * (one.x - cx) - sin * (one.y - cy);
+      pose.y = cy + sin * (one.x - cx) + cos * (one.y - cy);
+      pose.turn = part * turn;
     }
     if (pose.shape === BOX) pose.flip = Math.abs(Math.cos(Math.PI * part));
     if (one.shape === NONE || other.shape === NONE) {

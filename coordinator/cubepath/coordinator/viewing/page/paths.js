@@ -59,6 +59,8 @@
       this.data = data;
       this.title = data.title;
       this.name = data.step;
+      /** How many steps there were before the first, of a page that joined a run late. */
+      this.before = data.before ?? 0;
       /** The number of moves up to the end of each step, and the row of each move. */
       this.ends = [];
       this.rows = [];
@@ -144,6 +146,11 @@
         else high = middle;
       }
       return low + 1;
+    }
+
+    /** What a step is called: "round 4". */
+    label(step) {
+      return `${this.name} ${this.before + step}`;
     }
 
     /** The modules that a move takes along, the mover first. */

@@ -42,6 +42,7 @@
       this.lanes.ground(context, (lane) => paths[0].world.modules.word[lane] ?? String(lane), { lane: "module", step: steps });
       paths.forEach((path, half) => this._path(context, path, half));
       paths.forEach((path, half) => this._end(context, path, half));
+      for (const { step } of cubepath.marksOf(paths)) this.lanes.mark(context, step);
     }
 
     /** Draw the boxes of a path in a half of the lanes, one colour after another. */

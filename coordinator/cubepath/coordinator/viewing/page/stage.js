@@ -4,6 +4,7 @@
 
   const READABLE = 15; // pixels of a cell in which a number can be read
   const TINY = 3; // pixels of a cell below which it has no outline, and is a spot that can be seen
+  const ARC = 12; // pieces of the way of a module that turns
   const MANY = 150; // modules from which on each look of a module is drawn once, and then copied
 
   class Stage {
@@ -94,15 +95,19 @@
       context.globalAlpha = 0.3;
       context.lineWidth = 0.1;
       const ways = new Map(); // one stroke for all of a colour
-      for (const { module, source, target } of last) {
+      for (const { module, source, target, place } of last) {
         const pose = cubepath.poseAt(this.world, source);
         if (pose.shape === cubepath.BOX) continue; // it stays where it is
         this._module(context, module, pose, {});
         if (pose.shape !== cubepath.CELL) continue;
-        const there = cubepath.poseAt(this.world, target), colour = this._colour(module, source);
+        const colour = this._colour(module, source);
         if (!ways.has(colour)) ways.set(colour, new Path2D());
-        ways.get(colour).moveTo(pose.x, pose.y);
-        ways.get(colour).lineTo(there.x, there.y);
+        const way = ways.get(colour), pieces = this.world.rows.turn[place] ? ARC : 1;
+        way.moveTo(pose.x, pose.y);
+        for (let piece = 1; piece <= pieces; piece++) {
+          const there = cubepath.poseBetween(this.world, source, target, place, piece / pieces);
+          way.lineTo(there.x, there.y);
+        }
       }
       for (const [colour, way] of ways) {
         context.strokeStyle = colour;

@@ -258,5 +258,6 @@ FAMILIES = (
         },
         _triangulation,
         FlipSystem,
+        is_file=lambda key, value: key == "points" and bool(value),
     ),
 )

@@ -17,7 +17,12 @@ from cubepath.protocol.scenes.randomly.graphs import open_part, random_graph
 from cubepath.protocol.scenes.randomly.stream import SEED_MAX, Stream
 from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.graphs import Graph, graph_from_name, scenario_from_json
+from cubepath.protocol.systems.graphs import (
+    Graph,
+    graph_from_name,
+    is_named_graph,
+    scenario_from_json,
+)
 
 _GRAPH = "grid6x6"
 
@@ -128,7 +133,18 @@ _KEYS = {
     "open": ("", "share of the vertices that are open; the largest connected part is taken"),
     "walk": WALK_KEY,
 }
-FAMILIES = (
-    Family("agv", "unlabelled vehicles on a graph", _KEYS, _agv, GraphSystem, "tswap"),
-    Family("agv-labelled", "labelled vehicles on a graph", _KEYS, _agv, GraphSystem, "pibt"),
+
+
+def _is_file(key: str, value: str) -> bool:
+    if key == "graph":
+        return bool(value) and not is_named_graph(value) and random_graph(value) is None
+    return key == "scene" and bool(value)
+
+
+FAMILIES = tuple(
+    Family(name, f"{what} vehicles on a graph", _KEYS, _agv, GraphSystem, rule, is_file=_is_file)
+    for name, what, rule in (
+        ("agv", "unlabelled", "tswap"),
+        ("agv-labelled", "labelled", "pibt"),
+    )
 )

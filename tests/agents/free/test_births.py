@@ -1,0 +1,94 @@
+"""The births of a folder of keepers' logs: later each time, and written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from itertools import count
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from cubepath.agents.free import fleet as births_written
+from cubepath.agents.free.fleet import BIRTHS, Births, FreeFleet, log_of, next_births, read_births
+from cubepath.agents.processes.pacer import ProcessDied
+from cubepath.protocol.core import output_files
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+
+WRITERS = {births_written.__file__, output_files.__file__}
+
+
+def test_births_are_later_each_time_and_keep_the_first_run(tmp_path: Path) -> None:
+    """Without a folder there are none before."""
+    assert next_births(None, "one") == Births("one", 1)
+    folder = tmp_path / "logs"
+    assert next_births(folder, "one") == Births("one", 1)
+    assert next_births(folder, "two") == Births("one", 1 + BIRTHS_OF_A_FLEET)
+    assert read_births(folder) == Births("one", 1 + BIRTHS_OF_A_FLEET)
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"1", b'{"run":"one"}', b'{"run":"on', b'{"run":"\xff"}', None]
+)
+def test_logs_without_their_births_are_not_taken_up(tmp_path: Path, text: bytes | None) -> None:
+    """They would get births that there were before; nothing is written."""
+    log_of(tmp_path, 0).touch()
+    if text is not None:
+        (tmp_path / BIRTHS).write_bytes(text)
+    with pytest.raises(InputError, match=rf"{BIRTHS}: .*, expected the run and the birth"):
+        next_births(tmp_path, "two")
+    assert (text is not None) == (tmp_path / BIRTHS).exists()
+
+
+def _killed(folder: Path, lines: int) -> bool:
+    """Ask for births in a process that is killed at a line of the code; return whether it was."""
+    child = os.fork()
+    if not child:
+
+        def trace(frame: FrameType, _event: str, _: object) -> Any:
+            nonlocal lines
+            if frame.f_code.co_filename not in WRITERS:
+                return None
+            lines -= 1
+            if not lines:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return trace
+
+        sys.settrace(trace)
+        next_births(folder, "two")
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    return os.WIFSIGNALED(status)
+
+
+@pytest.mark.slow
+def test_births_are_whole_wherever_the_process_is_killed_that_writes_them(tmp_path: Path) -> None:
+    """The ones before, or the next ones; which are not given twice."""
+    before = next_births(tmp_path, "one")
+    changed = 0
+    for lines in count(1):
+        killed = _killed(tmp_path, lines)
+        after = read_births(tmp_path)
+        assert after is not None
+        assert after in {before, Births("one", before.birth + BIRTHS_OF_A_FLEET)}
+        changed += killed and after != before
+        before = after
+        if not killed:
+            break
+    assert changed
+
+
+@pytest.mark.slow
+def test_a_keeper_whose_log_lacks_commits_does_not_start(tmp_path: Path) -> None:
+    """The fleet says which, how many it has, and how many are known."""
+    fleet = FreeFleet(
+        scene_from_spec("hex:n=3"), "random", keepers=1, logs=tmp_path, known=lambda _: 3
+    )
+    with fleet, pytest.raises(ProcessDied, match=r"keeper_0\.log: has 0 commits, expected the 3"):
+        while True:
+            fleet.look()

@@ -1,0 +1,146 @@
+"""Logs of keepers that are older than what else is known of their run."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cubepath.agents.free.fleet import BIRTHS, log_of, next_births
+from cubepath.agents.keepers.attempts import chain_of, planned
+from cubepath.agents.keepers.journal import (
+    Acknowledged,
+    Committed,
+    Decided,
+    FileJournal,
+    Opened,
+    Prepared,
+    Record,
+)
+from cubepath.coordinator.runs.older_logs import check_logs
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.wire.free_messages import Asks, Attempt
+from free_runs import FreeRun, write
+
+KEEPERS = 2
+
+
+class Kept:
+    """The logs of a run that was played, and what is on record of it."""
+
+    def __init__(self, folder: Path, *, seed: int = 1, tails: bool = True) -> None:
+        """Play it."""
+        run = FreeRun("hex:n=5", keepers=KEEPERS, seed=seed)
+        messages = run.play(15, restarts=2)
+        recorded = messages if tails else messages[:1]
+        path = write(folder / "run.mcap", run.scene, recorded, keepers=KEEPERS)
+        self.recording: Recording = read_recording(path)
+        self.folder = folder / "logs"
+        self.births = next_births(self.folder, "run")
+        self.records: list[list[Record]] = []
+        for keeper in range(KEEPERS):
+            self.records.append([*run.keepers[keeper]._journal.records()])
+            opened = Opened(self.births.run, keeper, self.births.birth)
+            with FileJournal(log_of(self.folder, keeper), opened) as journal:
+                for record in self.records[-1]:
+                    journal.append(record)
+        self.logs = [log_of(self.folder, keeper).read_bytes() for keeper in range(KEEPERS)]
+
+    def refusal(self) -> str:
+        """Return why the logs as they are now are refused; nothing if they are not."""
+        try:
+            check_logs(self.folder, self.recording, KEEPERS)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def believed(self, keeper: int) -> list[int]:
+        """Return how many records of a log may be missing at its end without being noticed."""
+        lines = self.logs[keeper].splitlines(keepends=True)
+        path, found = log_of(self.folder, keeper), []
+        for missing in range(1, len(lines)):
+            path.write_bytes(b"".join(lines[:-missing]))
+            refusal = self.refusal()
+            if refusal:
+                assert re.fullmatch(rf"({path}|{self.folder}): .*, expected .*older.*", refusal)
+            else:
+                found.append(missing)
+        path.write_bytes(self.logs[keeper])
+        return found
+
+
+def of_no_consequence(record: Record, records: list[Record]) -> bool:
+    """Return whether it is known to nobody else: of an attempt that came to nothing, or settled."""
+    match record:
+        case Acknowledged():
+            return True
+        case Decided(decision=decision):
+            return decision.moved is None
+        case Prepared(passed=passed):
+            name = passed.attempt.module, passed.attempt.epoch, passed.attempt.number
+            return not any(
+                isinstance(each, Decided | Committed)
+                and each.decision.moved is not None
+                and (each.decision.module, each.decision.epoch, each.decision.number) == name
+                for each in records
+            )
+        case _:
+            return False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.parametrize("keeper", range(KEEPERS))
+def test_a_log_that_lacks_what_others_know_is_refused(
+    tmp_path: Path, keeper: int, *, recorded: bool
+) -> None:
+    """However much is missing at its end; what is believed lacks nothing of consequence."""
+    kept = Kept(tmp_path, tails=recorded)
+    assert not kept.refusal()
+    records = kept.records[keeper]
+    believed = kept.believed(keeper)
+    assert len(believed) < len(records) / 4
+    if recorded:
+        for missing in believed:
+            assert all(of_no_consequence(each, records) for each in records[-missing:])
+    log_of(kept.folder, keeper).unlink()
+    assert "older" in kept.refusal()
+    log_of(kept.folder, keeper).mkdir()
+    assert kept.refusal().endswith("Is a directory, expected a keeper's log")
+
+
+@pytest.mark.slow
+def test_births_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
+    """The next ones would not be later than those before."""
+    kept = Kept(tmp_path)
+    before = (kept.folder / BIRTHS).read_bytes()
+    births = next_births(kept.folder, "other")
+    with FileJournal(log_of(kept.folder, 1), Opened(births.run, 1, births.birth)):
+        pass
+    assert not kept.refusal()
+    (kept.folder / BIRTHS).write_bytes(before)
+    assert re.search(r"births: the birth is 1, .* was opened in birth 1000001", kept.refusal())
+
+
+@pytest.mark.parametrize("spec", ["hex:n=5", "arm:n=6", "agv:graph=grid6x6,n=6"])
+def test_the_keepers_of_an_attempt_are_those_of_its_plan(spec: str) -> None:
+    """Also where it was not planned again."""
+    run = FreeRun(spec, keepers=3)
+    asked = [each for said in run.play(10) if isinstance(said, Asks) for each in said.parts]
+    attempts = [each for each in asked if isinstance(each, Attempt)]
+    assert attempts
+    for each in attempts:
+        assert chain_of(run.system, run.tiles, each) == planned(run.system, run.tiles, each).chain
+
+
+def test_logs_of_another_run_are_refused(tmp_path: Path) -> None:
+    """Of the same scene, with births of their own: other commits are on record."""
+    kept = Kept(tmp_path)
+    (tmp_path / "other").mkdir()
+    other = Kept(tmp_path / "other", seed=2)
+    shutil.rmtree(kept.folder)
+    other.folder.rename(kept.folder)
+    assert re.search(r"run\.mcap: commit \d+ of keeper_\d .* differs from what", kept.refusal())
