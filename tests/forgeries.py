@@ -503,6 +503,15 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "another note; another register": (a_note_that_was_forged, lambda: committed(noted)),
     "another epoch of a module": (None, lambda: with_part(gossip(), "tell", born_later)),
     "another version in the last `tail`": (None, lambda: edited(chain(), "tail", later, last=True)),
+    "a unit left out of the last `tail`": (
+        None,
+        lambda: edited(
+            chain(),
+            "tail",
+            lambda tail: tail | {"units": tail["units"][1:]} if tail["units"] else None,
+            last=True,
+        ),
+    ),
     "another choice than the rule makes": (
         a_claim_that_the_rule_did_not_make,
         lambda: with_part(
