@@ -473,7 +473,7 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         a_move_from_elsewhere,
         lambda: committed(of_another),
     ),
-    "two moves at once that do not commute": (
+    "two parallel moves that do not commute": (
         a_lost_claim_is_executed_too,
         lambda: committed(again),
     ),

@@ -168,6 +168,7 @@ def every_moved(recording: Recording, old: Any, new: Any) -> Recording:
     ("check", "change"),
     [
         ("levels", lambda moved: moved | {"level": moved["level"] + 1}),
+        ("levels", lambda moved: moved | {"level": 1 << 40}),
         ("serials", lambda moved: moved | {"serial": moved["serial"] + 100}),
         ("attempts", lambda moved: moved | {"number": moved["number"] + 100}),
         ("sites", lambda moved: moved | {"motion": [[*moved["motion"][0][:2], [9, 9], 1]]}),
