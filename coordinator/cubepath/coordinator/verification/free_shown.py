@@ -204,8 +204,9 @@ class Serials:
         places, messages, *_ = columns = [np.asarray(each) for each in self._parts]
         names, sites, each_topic = list(self._tiles), list(self._places), list(self._topics)
         rank = np.argsort(np.argsort(names))
-        order = np.lexsort((messages, serials[messages], rank[tiles][messages], places))
-        for rows in _blocks(order, places):
+        for block in _blocks(places):
+            begun = messages[block]
+            rows = block[np.lexsort((begun, serials[begun], rank[tiles[begun]], places[block]))]
             place, message, version, module, module_version, content = (
                 each[rows] for each in columns
             )
@@ -229,8 +230,9 @@ class Serials:
                 yield position, f"{where}: {site_text(sites[place[row]])} goes back"
 
 
-def _blocks(order: _Rows, places: _Rows) -> Iterator[_Rows]:
+def _blocks(places: _Rows) -> Iterator[_Rows]:
     """Yield rows some thousand at a time, those of a place never in two."""
+    order = np.argsort(places, kind="stable")
     begins = np.flatnonzero(np.diff(places[order])) + 1
     wanted = np.arange(_BLOCK, len(order), _BLOCK)
     cuts = begins[np.searchsorted(begins, wanted).clip(max=len(begins) - 1)] if len(begins) else []
