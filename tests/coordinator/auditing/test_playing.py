@@ -254,7 +254,7 @@ def test_the_rules_are_asked_anew_where_a_recording_is_read_again() -> None:
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("at", ["x", [], [["a", "b"], ["c"]], [0.5, 1], True])
+@pytest.mark.parametrize("at", ["x", [], [["a", "b"], ["c"]], [0.5, 1]])
 def test_a_move_of_the_schedule_at_no_place_is_no_crash(at: object) -> None:
     """Whatever its form: nobody had to make it, so that those who moved did not as it says."""
     whole = carried_out()
