@@ -4,9 +4,9 @@
 cubes, or the schedule on file if that has fewer, and gives ``--prove SECONDS`` to the search for
 the optimum (extra `proofs`). ``-o docs/studies/price-best.json`` keeps what came of it: a row
 changes only if its schedule or its bound gets better. Each proof is verified, and its SHA-256 kept;
-``--proofs FOLDER`` keeps the files too. ``--check`` writes nothing, and fails where a schedule on
-file is beaten. A value that is proved does not depend on the time that it took; one that is not
-can be better with more.
+``--proofs FOLDER`` keeps the files too. ``--check`` fails where a schedule on file is beaten. A
+value that is proved does not depend on the time that it took; one that is not can be better with
+more.
 """
 
 from __future__ import annotations
@@ -154,6 +154,8 @@ def main() -> None:
         rows |= {row.system: better(rows[row.system], row) for row in read_rows(source)}
     if strange := [system for system in asked.systems if system not in rows]:
         parser.error(f"{strange[0]}: expected one of {', '.join(rows)}")
+    if asked.proofs is not None:
+        asked.proofs.mkdir(parents=True, exist_ok=True)
     beaten = []
     for system, row in rows.items():
         if (asked.systems and system not in asked.systems) or (asked.open and row.proved):

@@ -461,6 +461,17 @@ def test_a_system_of_a_file_and_one_that_is_not_local() -> None:
     assert "not local" in refusal(proof("hex:n=4"), system=connected)
 
 
+def test_the_minimal_checker_refuses_changed_and_cut_files() -> None:
+    """Any byte, as the page has it: the reader of `verify` has tests of its own."""
+    data = file_of(proof("words"))
+    assert check(data).proved
+    for place in range(0, len(data), 5):
+        changed = data[:place] + bytes([data[place] ^ 1 << place % 8]) + data[place + 1 :]
+        for false in (changed, data[:place], data + b"\n"):
+            with pytest.raises(RefusedError):
+                check(false)
+
+
 def test_a_proof_is_about_its_input() -> None:
     """Another start, goal, system or list of moves than that of an input is told by name."""
     told = proof(SLIDING)

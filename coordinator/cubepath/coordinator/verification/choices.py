@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -19,13 +19,13 @@ from cubepath.coordinator.verification.rounds import NOTE_MIN, is_admissible, is
 from cubepath.coordinator.verification.transcript import Round, Transcript
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import CLOSED, FILLED, Scene
+from cubepath.protocol.core.system import CLOSED, FILLED, Scene, System
 from cubepath.protocol.wire.messages import Note
 
 Arrays: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
 """A PettingZoo observation by its keys: "observation", "action_mask", and "notes" if any."""
 _NOTHING_HEARD = NOTE_MIN - 1
-_KEPT = 4096
+_KEPT = 2048
 
 
 class Moment(NamedTuple):
@@ -59,7 +59,7 @@ class Observing:
         self._system = scene.system
         sets: dict[tuple[Site, ...], frozenset[Site]] = {}
         self._goals = [sets.setdefault(goals, frozenset(goals)) for goals in scene.goals]
-        self._shown = lru_cache(maxsize=_KEPT)(self._shown_at)
+        self._shown = lru_cache(maxsize=_KEPT)(partial(_shown_at, self._system))
 
     def observations(self, moment: Moment, note_length: int) -> list[Arrays]:
         """Return what each module observes, by number.
@@ -123,13 +123,6 @@ class Observing:
         shown = self._shown(site, goals, tuple(standing.items()))
         return bool(shown["action_mask"][action])
 
-    def _shown_at(
-        self, site: Site, goals: frozenset[Site], items: tuple[tuple[Site, Site], ...]
-    ) -> Arrays:
-        standing = dict(items)
-        state = frozenset(standing.values()) | self._system.filled
-        return self._without_notes(site, goals, standing, state)
-
     def _observation(
         self,
         module: int,
@@ -139,36 +132,10 @@ class Observing:
         note_length: int,
     ) -> Arrays:
         goals = self._goals[module] if self._goals else frozenset[Site]()
-        found = self._without_notes(site, goals, *found_there)
+        found = _without_notes(self._system, site, goals, *found_there)
         if note_length:
             found["notes"] = self._heard(site, notes, note_length)
         return found
-
-    def _without_notes(
-        self,
-        site: Site,
-        goals: frozenset[Site],
-        standing: Mapping[Site, Site],
-        state: AbstractSet[Site],
-    ) -> Arrays:
-        system = self._system
-        place = system.place_of(site)
-        shown = [*system.encode_site(site), int(not goals.isdisjoint((site, place)))]
-        for near in system.sensed(place):
-            if near is None:
-                shown += [CLOSED, 0]
-                continue
-            there = standing.get(near)
-            code = system.background(near) if there is None else system.code_of(there)
-            if there is None and code == FILLED:
-                there = near
-            wanted = near in goals or (there is not None and there in goals)
-            shown += [code, int(wanted)]
-        mask = [1, *(int(_is_possible(move, state)) for move in system.moves(site))]
-        return {
-            "observation": np.array(shown, dtype=np.int32),
-            "action_mask": np.array(mask, dtype=np.int8),
-        }
 
     def _heard(
         self, site: Site, notes: Mapping[Site, list[int]], note_length: int
@@ -178,6 +145,40 @@ class Observing:
         heard = [notes.get(near, silence) for near in system.reach(system.place_of(site))]
         heard += [silence] * (system.reach_slots - len(heard))
         return np.array(heard, dtype=np.int32)
+
+
+def _shown_at(
+    system: System, site: Site, goals: frozenset[Site], items: tuple[tuple[Site, Site], ...]
+) -> Arrays:
+    standing = dict(items)
+    state = frozenset(standing.values()) | system.filled
+    return _without_notes(system, site, goals, standing, state)
+
+
+def _without_notes(
+    system: System,
+    site: Site,
+    goals: frozenset[Site],
+    standing: Mapping[Site, Site],
+    state: AbstractSet[Site],
+) -> Arrays:
+    place = system.place_of(site)
+    shown = [*system.encode_site(site), int(not goals.isdisjoint((site, place)))]
+    for near in system.sensed(place):
+        if near is None:
+            shown += [CLOSED, 0]
+            continue
+        there = standing.get(near)
+        code = system.background(near) if there is None else system.code_of(there)
+        if there is None and code == FILLED:
+            there = near
+        wanted = near in goals or (there is not None and there in goals)
+        shown += [code, int(wanted)]
+    mask = [1, *(int(_is_possible(move, state)) for move in system.moves(site))]
+    return {
+        "observation": np.array(shown, dtype=np.int32),
+        "action_mask": np.array(mask, dtype=np.int8),
+    }
 
 
 def _is_possible(move: Move | None, state: AbstractSet[Site]) -> bool:

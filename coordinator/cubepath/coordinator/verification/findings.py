@@ -64,7 +64,7 @@ class Verification:
         return found | {"checks": checks, "missing": self.missing._asdict()}
 
 
-class Stage:
+class StageFailures:
     """Called with a check that fails, and one line on where and why.
 
     `position` says where in its stage the next failures belong, however late they are found.
@@ -92,9 +92,9 @@ class Failures:
         self._first: dict[str, tuple[tuple[int, ...], str]] = {}
         self._count: dict[str, int] = dict.fromkeys(checks, 0)
 
-    def stage(self, number: int) -> Stage:
+    def stage(self, number: int) -> StageFailures:
         """Return what to call for a failure found in a stage; earlier stages come first."""
-        return Stage(self, number)
+        return StageFailures(self, number)
 
     def take(self, place: tuple[int, ...], check: str, detail: str) -> None:
         """Take a failure; the one with the least place is the first."""

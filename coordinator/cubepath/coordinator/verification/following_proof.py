@@ -28,6 +28,9 @@ from cubepath.protocol.path_files.following import FollowingLine
 from cubepath.protocol.path_files.following_proofs import FollowingProof
 from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 
+_CHUNK = 1 << 16
+"""Variables that are looked at as Python's numbers at a time."""
+
 
 @dataclass(frozen=True, slots=True)
 class ProvedFewest:
@@ -125,7 +128,8 @@ class FollowingRefutation:
                 f" {counted(proof.refuted, 'round')}"
             )
         self._tell("clauses", 0)
-        return task.clauses(self._names(task))
+        self._number(task)
+        return task.clauses()
 
     def _beyond(self) -> dict[tuple[int, int], int]:
         """Return where one comes to from each edge by going on straight."""
@@ -137,22 +141,31 @@ class FollowingRefutation:
                 found[source, target] = on
         return found
 
-    def _names(self, task: FollowingClauses) -> dict[Meaning, int]:
-        """Return the number of each variable by its meaning, if they are those that must be."""
-        names: dict[Meaning, int] = {}
-        for number, (kind, one, other, time) in enumerate(self.proof.variables.tolist(), 1):
-            known = names.setdefault((kind, one, other, time), number)
-            if known != number:
-                raise CheckError(f"variable {number}: means the same as variable {known}")
-        missing = set(names)
+    def _number(self, task: FollowingClauses) -> None:
+        """Number the variables of the clauses as the proof does, if they are those that must be."""
+        rows = self.proof.variables
+        for begin in range(0, len(rows), _CHUNK):
+            meanings = map(tuple, rows[begin : begin + _CHUNK].tolist())
+            for number, meaning in enumerate(meanings, begin + 1):
+                kept = task.place(meaning)
+                if kept is None:
+                    continue
+                numbers, place = kept
+                if numbers[place]:
+                    raise CheckError(
+                        f"variable {number}: means the same as variable {numbers[place]}"
+                    )
+                numbers[place] = number
+        needed = bytearray(len(rows) + 1)
         for meaning in task.meanings():
-            if meaning not in names:
+            kept = task.place(meaning)
+            number = 0 if kept is None else kept[0][kept[1]]
+            if not number:
                 raise CheckError(f"no variable means that {self._told(meaning)}")
-            missing.discard(meaning)
-        if missing:
-            stray = min(names[meaning] for meaning in missing)
+            needed[number] = 1
+        stray = needed.find(0, 1)
+        if stray > 0:
             raise CheckError(f"variable {stray}: nothing needs it, or it means nothing")
-        return names
 
     def _told(self, meaning: Meaning) -> str:
         kind, one, other, time = meaning

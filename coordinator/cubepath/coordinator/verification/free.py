@@ -17,7 +17,7 @@ from cubepath.coordinator.verification.certificate import check_recorded_certifi
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
 from cubepath.coordinator.verification.free_attempts import Attempts
-from cubepath.coordinator.verification.free_history import History, Path
+from cubepath.coordinator.verification.free_history import History, LevelPath
 from cubepath.coordinator.verification.free_shown import Shownness, Tails
 from cubepath.coordinator.verification.free_transcript import (
     FreeReading,
@@ -244,22 +244,21 @@ class _Checks(NamedTuple):
 
     def take(self, record: Record, message: FreeMessage) -> None:
         """Check a message."""
-        where = f"message {record.sequence} ({record.topic})"
         match message:
             case Turns():
                 self.turns.turns(message)
             case Asks():
                 self.attempts.asked(message)
-                self.shown.looks(where, message)
+                self.shown.looks(record, message)
             case Tells():
-                self.attempts.told(where, message)
-                self.shown.held(where, message)
+                self.attempts.told(record, message)
+                self.shown.held(record, message)
             case Passes():
-                self.attempts.told(where, message)
+                self.attempts.told(record, message)
             case Shows():
-                self.shown.shows(where, record, message)
+                self.shown.shows(record, message)
             case Tail():
-                self.tails.tail(where, message)
+                self.tails.tail(record, message)
             case _:
                 pass
 
@@ -271,7 +270,7 @@ def _never_began(recording: Recording) -> bool:
     return none and (over or max_rounds_in(recording.parameters) == 0)
 
 
-def _check_edges(path: Path, transcript: FreeTranscript, fail: Fail) -> str:
+def _check_edges(path: LevelPath, transcript: FreeTranscript, fail: Fail) -> str:
     """Compare the edges on record with the moves; return the digest of the moves."""
     digest = sha256()
     edges, known = transcript.edges, set[int]()
@@ -290,7 +289,9 @@ def _check_edges(path: Path, transcript: FreeTranscript, fail: Fail) -> str:
     return digest.hexdigest()
 
 
-def _check_schedule(recording: Recording, path: Path, summary: Summary | None, fail: Fail) -> bool:
+def _check_schedule(
+    recording: Recording, path: LevelPath, summary: Summary | None, fail: Fail
+) -> bool:
     """Check that moves are those of the schedule, and wait for those before them.
 
     Return whether all of it is carried out.

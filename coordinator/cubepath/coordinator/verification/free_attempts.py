@@ -9,7 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterator
 
-from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.free_births import Births
 from cubepath.coordinator.verification.free_history import (
     History,
@@ -26,6 +26,7 @@ from cubepath.coordinator.verification.free_units import NO_SITE, changed_by
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Attempt,
@@ -54,7 +55,7 @@ class Attempts:
     """
 
     def __init__(
-        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Stage
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
     ) -> None:
         """Find which attempts were committed."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
@@ -123,7 +124,7 @@ class Attempts:
         for number in [first, *self._again.get(place, ())] if first >= 0 else ():
             yield number, self._history.commits[number]
 
-    def told(self, where: str, message: Passes | Tells) -> None:
+    def told(self, where: Record, message: Passes | Tells) -> None:
         """Check what a keeper says of attempts."""
         to = message.process if isinstance(message, Tells) else message.to
         for part in message.parts:
@@ -164,7 +165,9 @@ class Attempts:
         number = self._committed[place]
         return None if number < 0 else self._history.commits[number]
 
-    def _guarded(self, where: str, check: str, do: Callable[..., None], *values: object) -> bool:
+    def _guarded(
+        self, where: Record | str, check: str, do: Callable[..., None], *values: object
+    ) -> bool:
         try:
             do(*values)
         except NO_SITE as error:
@@ -351,7 +354,7 @@ class Attempts:
                 self._fail("decisions", f"{where}: {value!r} never had version {version}")
         self._check_taken(where, passed, so_far)
 
-    def _check_taken(self, where: str, passed: Passed, so_far: set[int]) -> None:
+    def _check_taken(self, where: Record, passed: Passed, so_far: set[int]) -> None:
         """Check the modules that are passed on, those of the motion and those of registers."""
         attempt, site = passed.attempt, site_in(passed.attempt.site)
         move = None
@@ -400,7 +403,7 @@ class Attempts:
             return max(found)
         return None if written else max(found)
 
-    def _check_occupant(self, where: str, site: Json | Site, occupant: Occupant) -> None:
+    def _check_occupant(self, where: Record, site: Json | Site, occupant: Occupant) -> None:
         """Check a module as it is told to be at one of its versions."""
         standing = self._history.module(occupant.module, occupant.version)
         name = f"module_{occupant.module} at version {occupant.version}"

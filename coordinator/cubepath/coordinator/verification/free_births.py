@@ -8,6 +8,7 @@ from __future__ import annotations
 from cubepath.coordinator.verification.free_transcript import FreeTranscript, Said, attempt_text
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.system import System
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Entered, Occupant
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -50,7 +51,7 @@ class Births:
         if site is not None and self._tiles.keeper_of(self._place_of(site)) != said.keeper:
             self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
 
-    def take(self, where: str, occupant: Occupant) -> None:
+    def take(self, where: Record, occupant: Occupant) -> None:
         """Take note of the epoch of a birth."""
         known = self._births.setdefault(occupant.module, {0: 0})
         if known.setdefault(occupant.birth, occupant.epoch) != occupant.epoch:

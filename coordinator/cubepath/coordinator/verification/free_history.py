@@ -62,7 +62,7 @@ class There(NamedTuple):
     """The version at which the module came there."""
 
 
-class Path(NamedTuple):
+class LevelPath(NamedTuple):
     """The moves of a run in canonical order: by level, then by generator and place."""
 
     commits: NDArray[np.int32]
@@ -420,13 +420,13 @@ class History:
             self.levels[unit].append(level)
             self.read_levels[unit].append(0)
 
-    def path(self) -> Path:
+    def path(self) -> LevelPath:
         """Return the moves in canonical order."""
         commits, levels, modules, numbers = (np.asarray(each) for each in self._carried)
         rank = np.zeros(len(self._known), np.int32)
         rank[[self._known[key] for key in sorted(self._known)]] = np.arange(len(self._known))
         order = np.lexsort((rank[numbers], levels))
-        return Path(commits[order], levels[order], modules[order], numbers[order], self._moves)
+        return LevelPath(commits[order], levels[order], modules[order], numbers[order], self._moves)
 
 
 def _add(rows: _Versions, **values: int) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.number_table import Name, NumberTable
 from cubepath.coordinator.verification.transcript import Fail
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
     Asks,
@@ -47,7 +48,7 @@ class Losses:
         """By process the birth and the number at which it said last that it rests."""
         self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
-    def take(self, where: str, message: FreeMessage, sender: str, data: bytes, fail: Fail) -> None:
+    def take(self, where: Record, message: FreeMessage, sender: str, fail: Fail) -> None:
         """Take note of the number of a message."""
         self._take_parts(message)
         number = getattr(message, "said", 0)
@@ -59,7 +60,7 @@ class Losses:
         if isinstance(message, Rest | Tail):
             return
         # Only whether it is the same is asked, and that within one process: any hash will do.
-        content = hash(data)
+        content = hash(where.data)
         said = self._said.get(key)
         if said is None:
             said = self._said[key] = NumberTable()
@@ -155,7 +156,7 @@ class Losses:
         if not excused:
             fail(check, why)
             return
-        position = fail.position if isinstance(fail, Stage) else ()
+        position = fail.position if isinstance(fail, StageFailures) else ()
         count, known, first = self._lacking.get(check, (0, position, why))
         if position < known:
             known, first = position, why

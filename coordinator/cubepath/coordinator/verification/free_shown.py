@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.free_units import NO_SITE, unit_in
@@ -26,7 +26,7 @@ from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows,
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.tiles import Tiles
 
-Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
+_Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
 _BLOCK = 1 << 14
 
 
@@ -34,7 +34,7 @@ class Shownness:
     """Whether what was shown was there, and goes on with the serial numbers of its tile."""
 
     def __init__(
-        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Stage
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
     ) -> None:
         """Know what was where, and what was asked for."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
@@ -43,15 +43,15 @@ class Shownness:
         """By tile the hash of what each change has shown."""
         self._serials = Serials()
 
-    def shows(self, where: str, record: Record, message: Shows) -> None:
+    def shows(self, where: Record, message: Shows) -> None:
         """Check what is shown of a tile."""
-        self._fail.position = 0, self._serials.begin(record, message)
+        self._fail.position = 0, self._serials.begin(where, message)
         try:
             self._check(where, message)
         except NO_SITE as error:
             self._fail("shown", f"{where}: {type(error).__name__}: {error}")
 
-    def held(self, where: str, message: Tells) -> None:
+    def held(self, where: Record, message: Tells) -> None:
         """Check what a keeper holds."""
         for part in message.parts:
             if isinstance(part, Held):
@@ -61,7 +61,7 @@ class Shownness:
                 except NO_SITE as error:
                     self._fail("shown", f"{where}: {type(error).__name__}: {error}")
 
-    def looks(self, where: str, message: Asks) -> None:
+    def looks(self, where: Record, message: Asks) -> None:
         """Check who is asked for tiles."""
         for part in message.parts:
             if isinstance(part, Look) and self._tiles.keeper_of_tile(part.tile) != message.keeper:
@@ -69,7 +69,7 @@ class Shownness:
                 why = f"keeper_{message.keeper} does not have tile {part.tile}"
                 self._fail("shown", f"{where}: {why}")
 
-    def _check_held(self, where: str, keeper: int, held: Held) -> None:
+    def _check_held(self, where: Record, keeper: int, held: Held) -> None:
         """Check that what is held was asked for, and shows what was there."""
         name = held.module, held.epoch, held.number
         asked = self._said.holds.asked(name, keeper, [part.place for part in held.parts])
@@ -93,7 +93,7 @@ class Shownness:
                 self._fail("shown", f"{where}: keeper_{keeper} does not have {site_text(place)}")
             self._check_part(where, place, part)
 
-    def _check(self, where: str, message: Shows) -> None:
+    def _check(self, where: Record, message: Shows) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
             self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
         if message.whole and (message.keeper, message.tile) not in self._said.looks:
@@ -122,7 +122,7 @@ class Shownness:
             self._check_part(where, place, part)
             self._serials.take(place, part)
 
-    def _check_part(self, where: str, place: Site, part: Shown) -> None:
+    def _check_part(self, where: Record, place: Site, part: Shown) -> None:
         there = self._history.at_place(place, part.version)
         name = f"{site_text(place)} at version {part.version}"
         if there is None:
@@ -145,7 +145,7 @@ class Shownness:
                 )
         self._check_reads(where, place, part)
 
-    def _check_reads(self, where: str, place: Site, part: Shown) -> None:
+    def _check_reads(self, where: Record, place: Site, part: Shown) -> None:
         for value, version, reads in part.reads:
             unit = site_in(value)
             known = None if unit is None else self._history.reads.get(unit)
@@ -204,8 +204,9 @@ class Serials:
         places, messages, *_ = columns = [np.asarray(each) for each in self._parts]
         names, sites, each_topic = list(self._tiles), list(self._places), list(self._topics)
         rank = np.argsort(np.argsort(names))
-        order = np.lexsort((messages, serials[messages], rank[tiles][messages], places))
-        for rows in _blocks(order, places):
+        for block in _blocks(places):
+            begun = messages[block]
+            rows = block[np.lexsort((begun, serials[begun], rank[tiles[begun]], places[block]))]
             place, message, version, module, module_version, content = (
                 each[rows] for each in columns
             )
@@ -229,8 +230,9 @@ class Serials:
                 yield position, f"{where}: {site_text(sites[place[row]])} goes back"
 
 
-def _blocks(order: Rows, places: Rows) -> Iterator[Rows]:
+def _blocks(places: _Rows) -> Iterator[_Rows]:
     """Yield rows some thousand at a time, those of a place never in two."""
+    order = np.argsort(places, kind="stable")
     begins = np.flatnonzero(np.diff(places[order])) + 1
     wanted = np.arange(_BLOCK, len(order), _BLOCK)
     cuts = begins[np.searchsorted(begins, wanted).clip(max=len(begins) - 1)] if len(begins) else []
@@ -239,7 +241,7 @@ def _blocks(order: Rows, places: Rows) -> Iterator[Rows]:
             yield order[begin:end]
 
 
-def _same(values: Rows) -> NDArray[np.bool_]:
+def _same(values: _Rows) -> NDArray[np.bool_]:
     """Return for all but the first whether they are as those before."""
     return np.equal(values[1:], values[:-1])
 
@@ -252,9 +254,9 @@ class Tails:
     ) -> None:
         """Know what was derived."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
-        self._last: dict[int, tuple[str, Tail]] = {}
+        self._last: dict[int, tuple[Record, Tail]] = {}
 
-    def tail(self, where: str, tail: Tail) -> None:
+    def tail(self, where: Record, tail: Tail) -> None:
         """Check what a keeper tells of all its commits."""
         found = len(self._said.commits.serials(tail.keeper))
         if tail.serial > found:
@@ -287,7 +289,7 @@ class Tails:
         return not odd
 
     def _at_the_end(
-        self, keeper: int, last: tuple[str, Tail] | None, touched: set[Site | None]
+        self, keeper: int, last: tuple[Record, Tail] | None, touched: set[Site | None]
     ) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
@@ -303,7 +305,7 @@ class Tails:
             for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
                 yield f"{where}: it does not tell of {site_text(unit)}"
 
-    def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:
+    def _check_unit(self, where: Record, told: tuple[Json, int, int, int, Json]) -> None:
         value, version, level, reads, shown = told
         history = self._history
         unit = unit_in(history.system, value)
@@ -316,7 +318,7 @@ class Tails:
         if due != (level, site) or reads > most:
             self._fail("tails", f"{where}: {site_text(unit)} at version {version} is another")
 
-    def _check_keeper(self, where: str, keeper: int, unit: Site | None) -> None:
+    def _check_keeper(self, where: Record, keeper: int, unit: Site | None) -> None:
         if unit is not None and self._keeper_of(unit) != keeper:
             self._fail("tails", f"{where}: keeper_{keeper} does not have {site_text(unit)}")
 
@@ -324,7 +326,7 @@ class Tails:
         system = self._history.system
         return self._tiles.keeper_of(unit if system.labels is not None else system.place_of(unit))
 
-    def _other_units(self, where: str, tail: Tail) -> Iterator[str]:
+    def _other_units(self, where: Record, tail: Tail) -> Iterator[str]:
         for value, version, _, reads, _ in tail.units:
             unit = site_in(value)
             known = None if unit is None else self._history.reads.get(unit)

@@ -81,7 +81,7 @@ _LIMITED = ("keeper", "process", "to", "module")
 class Said(NamedTuple):
     """A part of a message, with where it stands and who says it to whom."""
 
-    where: str
+    where: Record
     keeper: int
     """The keeper that says it."""
     to: int
@@ -171,19 +171,18 @@ class FreeReading:
         return self.found
 
     def _take(self, record: Record) -> None:
-        where = f"message {record.sequence} ({record.topic})"
         try:
             message = decode_free(record.data)
         except InputError as error:
-            self._fail("messages", f"{where}: {error}")
+            self._fail("messages", f"{record}: {error}")
             return
         topic, sender = self._topic(message)
         if topic != record.topic:
-            self._fail("messages", f"{where} is {topic}")
-        self._check_time(where, record, message)
-        self._check_names(where, message)
-        self.found.losses.take(where, message, sender, record.data, self._fail)
-        self._sort(where, message)
+            self._fail("messages", f"{record} is {topic}")
+        self._check_time(record, message)
+        self._check_names(record, message)
+        self.found.losses.take(record, message, sender, self._fail)
+        self._sort(record, message)
 
     def _topic(self, message: FreeMessage) -> tuple[str, str]:
         """Return the topic of a message, and the sender in it."""
@@ -194,7 +193,7 @@ class FreeReading:
             known = self._topics[key] = f"{free_kind(message)}/{sender}", sender
         return known
 
-    def _check_time(self, where: str, record: Record, message: FreeMessage) -> None:
+    def _check_time(self, record: Record, message: FreeMessage) -> None:
         before = self._level
         if isinstance(message, Moved | Tail):
             told = message.parts if isinstance(message, Tail) else (message,)
@@ -202,11 +201,11 @@ class FreeReading:
         due = record.wall_ns if self._by_wall else self._level
         if self._whole and record.round != due:
             what = "its wall time" if self._by_wall else f"the greatest level so far, {due}"
-            self._fail("messages", f"{where} has log time {record.round}, expected {what}")
+            self._fail("messages", f"{record} has log time {record.round}, expected {what}")
         if not self._whole and not self._by_wall and record.round < before:
-            self._fail("messages", f"{where} has log time {record.round} after level {before}")
+            self._fail("messages", f"{record} has log time {record.round} after level {before}")
 
-    def _check_names(self, where: str, message: FreeMessage) -> None:
+    def _check_names(self, where: Record, message: FreeMessage) -> None:
         """Check that keepers, processes and modules are some of the run."""
         parts: Sequence[msgspec.Struct] = getattr(message, "parts", ())
         if self._strays((message, *parts)):
@@ -239,7 +238,7 @@ class FreeReading:
                     return True
         return False
 
-    def _sort(self, where: str, message: FreeMessage) -> None:
+    def _sort(self, where: Record, message: FreeMessage) -> None:
         if isinstance(message, Moved):
             self._moved(where, message, announced=True)
         elif isinstance(message, Turns):
@@ -255,7 +254,7 @@ class FreeReading:
                 self._check_level(where, message)
             self._result(message)
 
-    def _sort_said(self, where: str, message: Asks | Passes | Tells | Shows | Tail) -> None:
+    def _sort_said(self, where: Record, message: Asks | Passes | Tells | Shows | Tail) -> None:
         if not self._whole:
             self._told_early(where, message.parts)
         match message:
@@ -307,13 +306,13 @@ class FreeReading:
                 known = self.found.shown[place] = ShownVersions()
             known.add(part.version, part.module_version)
 
-    def _told_early(self, where: str, parts: Iterable[object]) -> None:
+    def _told_early(self, where: Record, parts: Iterable[object]) -> None:
         """Take commits from decisions, where the record ends before the commits themselves."""
         for part in parts:
             if isinstance(part, Decision) and part.moved is not None:
                 self._moved(where, part.moved)
 
-    def _asked(self, where: str, message: Asks) -> None:
+    def _asked(self, where: Record, message: Asks) -> None:
         found = self.found
         for part in message.parts:
             if isinstance(part, Look):
@@ -329,12 +328,12 @@ class FreeReading:
                 name = attempt_text(attempt_name(part))
                 self._fail("attempts", f"{where}: {name} comes twice, and differs")
 
-    def _moved(self, where: str, moved: Moved, *, announced: bool = False) -> None:
+    def _moved(self, where: Record, moved: Moved, *, announced: bool = False) -> None:
         if not self.found.commits.add(moved, announced=announced):
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{where}: {name} comes twice, and differs")
 
-    def _check_level(self, where: str, message: Cube | Certified) -> None:
+    def _check_level(self, where: Record, message: Cube | Certified) -> None:
         if self._whole and message.round != self._level:
             self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from cubepath.coordinator.verification.choices import Arrays, Observing
-from cubepath.coordinator.verification.findings import Stage
+from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.free_asked import AskedContent, ShownVersions
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_transcript import (
@@ -91,7 +91,7 @@ class TurnsOfModules:
         transcript: FreeTranscript,
         tiles: Tiles,
         player: FreePlayer | None,
-        fail: Stage,
+        fail: StageFailures,
     ) -> None:
         """Know what was shown; the player plays the turns."""
         self._tiles = tiles

@@ -82,11 +82,11 @@ class Refuter:
         room = len(literals) + (_HEADER + 1) * count + 16
         watched = np.zeros(size, dtype=np.int32)
         _count_watches(literals, ends, watched)
-        rooms = watched + watched // 2 + 2
+        rooms = watched + watched // 4 + 2
         at = np.concatenate((np.zeros(1, dtype=np.int64), np.cumsum(rooms, dtype=np.int64)))
         self._state = _State(
             np.zeros(room, dtype=np.int32),
-            np.zeros(1 << (2 * count + (1 << 16)).bit_length(), dtype=np.int32),
+            np.zeros(1 << (count + (1 << 16)).bit_length(), dtype=np.int32),
             np.zeros(2 * int(at[-1]) + 16, dtype=np.int32),
             at[:-1].copy(),
             np.zeros(size, dtype=np.int32),

@@ -13,7 +13,8 @@ from cubepath.protocol.recordings.counts import BATCHES
 from cubepath.protocol.wire.on_record import parts_said
 
 
-@dataclass(frozen=True, slots=True)
+# Not frozen, which would take four times as long to make: a long recording has millions.
+@dataclass(unsafe_hash=True, slots=True)
 class Record:
     """One message of a recording.
 
@@ -28,6 +29,10 @@ class Record:
     """The round; without rounds the log time, which is a level or a wall time in nanoseconds."""
     wall_ns: int
     sequence: int
+
+    def __str__(self) -> str:
+        """Return which message it is, as error messages have it."""
+        return f"message {self.sequence} ({self.topic})"
 
     @property
     def kind(self) -> str:
