@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.wire.free_messages import Asks, Attempt
+from cubepath.protocol.wire.free_messages import Asks, Attempt, FreeMessage, Passes, Settled
 from free_numbers import numbered
 from free_runs import free_recorded, free_run, results, write
 from recordings import new_path, recorded
@@ -180,16 +180,22 @@ def with_a_gap(recording: Recording) -> Recording:
     return replace(recording, records=tuple(records))
 
 
-def nobody_asked() -> Recording:
-    """Return a run without rounds in which no attempt is on record, and no number is missing."""
+def less(gone: Callable[[FreeMessage], bool]) -> Recording:
+    """Return a run without rounds without some messages, in which no number is missing."""
     scene, messages = free_run("hex:n=4", moves=10)
-    kept = [
-        message
-        for message in messages
-        if not (isinstance(message, Asks) and any(isinstance(p, Attempt) for p in message.parts))
-    ]
+    kept = [message for message in messages if not gone(message)]
     whole = [*numbered(kept), *results(scene, kept, 3)]
     return read_recording(write(new_path(), scene, whole))
+
+
+def asks(message: FreeMessage) -> bool:
+    """Return whether a message asks for a move."""
+    return isinstance(message, Asks) and any(isinstance(each, Attempt) for each in message.parts)
+
+
+def acknowledges(message: FreeMessage) -> bool:
+    """Return whether a message says that a keeper has taken note of commits, and nothing else."""
+    return isinstance(message, Passes) and all(isinstance(each, Settled) for each in message.parts)
 
 
 def refusing(recording: Recording, *, counted: bool) -> Recording:
@@ -441,8 +447,9 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "a message taken out": (lambda: with_a_gap(crowd()), lambda: with_a_gap(chain())),
     "a message taken out, and all numbers closed: a verdict; attempts": (
         a_verdict_is_missing,
-        nobody_asked,
+        lambda: less(asks),
     ),
+    "the same: what a keeper acknowledged": (None, lambda: less(acknowledges)),
     "the same: a report; a commit": (
         a_report_is_missing,
         lambda: without(
@@ -503,6 +510,15 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "another note; another register": (a_note_that_was_forged, lambda: committed(noted)),
     "another epoch of a module": (None, lambda: with_part(gossip(), "tell", born_later)),
     "another version in the last `tail`": (None, lambda: edited(chain(), "tail", later, last=True)),
+    "a unit left out of the last `tail`": (
+        None,
+        lambda: edited(
+            chain(),
+            "tail",
+            lambda tail: tail | {"units": tail["units"][1:]} if tail["units"] else None,
+            last=True,
+        ),
+    ),
     "another choice than the rule makes": (
         a_claim_that_the_rule_did_not_make,
         lambda: with_part(

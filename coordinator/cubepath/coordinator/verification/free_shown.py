@@ -276,16 +276,21 @@ class Tails:
 
         With an `open_end` that is not known for certain.
         """
+        touched: dict[int, set[Site | None]] = {}
+        for unit in self._history.reads:
+            touched.setdefault(self._keeper_of(unit), set()).add(unit)
         odd = [
             why
             for keeper in range(keepers)
-            for why in self._at_the_end(keeper, self._last.get(keeper))
+            for why in self._at_the_end(keeper, self._last.get(keeper), touched.get(keeper, set()))
         ]
         for why in odd if whole else ():
             self._said.losses.lack(self._fail, "tails", why, excused=open_end)
         return not odd
 
-    def _at_the_end(self, keeper: int, last: tuple[Record, Tail] | None) -> Iterator[str]:
+    def _at_the_end(
+        self, keeper: int, last: tuple[Record, Tail] | None, touched: set[Site | None]
+    ) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
             yield f"keeper_{keeper} does not tell how many commits it has"
@@ -297,6 +302,8 @@ class Tails:
             yield f"{where}: {tail.prepared} attempts are under way at the end"
         else:
             yield from self._other_units(where, tail)
+            for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
+                yield f"{where}: it does not tell of {site_text(unit)}"
 
     def _check_unit(self, where: Record, told: tuple[Json, int, int, int, Json]) -> None:
         value, version, level, reads, shown = told
@@ -312,11 +319,12 @@ class Tails:
             self._fail("tails", f"{where}: {site_text(unit)} at version {version} is another")
 
     def _check_keeper(self, where: Record, keeper: int, unit: Site | None) -> None:
+        if unit is not None and self._keeper_of(unit) != keeper:
+            self._fail("tails", f"{where}: keeper_{keeper} does not have {site_text(unit)}")
+
+    def _keeper_of(self, unit: Site) -> int:
         system = self._history.system
-        if unit is not None:
-            place = unit if system.labels is not None else system.place_of(unit)
-            if self._tiles.keeper_of(place) != keeper:
-                self._fail("tails", f"{where}: keeper_{keeper} does not have {site_text(unit)}")
+        return self._tiles.keeper_of(unit if system.labels is not None else system.place_of(unit))
 
     def _other_units(self, where: Record, tail: Tail) -> Iterator[str]:
         for value, version, _, reads, _ in tail.units:
