@@ -171,6 +171,13 @@ def test_booleans_are_no_labels() -> None:
         scene(YARD.replace('["dock", 1]', '["dock", true]', 1), goals="[]")
 
 
+def test_there_are_no_more_labels_than_vertices() -> None:
+    """Each has a vertex of its own, and a move reads all labels at its ends: others cost memory."""
+    assert scene(YARD.replace("labels = 2", "labels = 4"), goals="[]")
+    with pytest.raises(InputError, match="labels=1073741824: expected at most 4, one a vertex"):
+        scene(YARD.replace("labels = 2", f"labels = {1 << 30}"), goals="[]")
+
+
 @pytest.mark.parametrize("depth", [65, 500, 50_000])
 def test_lists_in_lists_are_refused(depth: int) -> None:
     """However deep they are, as a site and in a label, in one line that names the file."""

@@ -72,6 +72,9 @@ class GraphSystem(System):
         if len(self.vertices) < len(listed):
             twice = next(vertex for vertex in listed if listed.count(vertex) > 1)
             raise InputError(f"vertex {twice!r} stands twice (1, 1.0 and true are the same)")
+        if labels is not None and labels > len(self.vertices):
+            most = len(self.vertices)
+            raise InputError(f"labels={labels}: expected at most {most}, one a vertex")
         self.index = {vertex: number for number, vertex in enumerate(self.vertices)}
         self.labels = labels
         self.compass = compass
