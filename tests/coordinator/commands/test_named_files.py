@@ -59,6 +59,7 @@ def given(tmp_path: Path) -> Path:
         '"agv:n=1,graph=K5,{mine}/scene.json"',
         '{{name = "agv-labelled", scene = "all/scene.json"}}',
         '"triangulation:points=../mine/points.txt"',
+        '"triangulation:points=points\\u0000.txt"',
     ],
 )
 @pytest.mark.usefixtures("given")

@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (found / "cut.mcap").write_bytes(recording[: len(recording) // 2])
     save(found / "crossing.jsonl", CROSSING)
     save(found / "contents.jsonl", CONTENTS)
-    save(found / "unusual.jsonl", [{"id": 1, "support": [True], "trace": [True]}] * 3)
+    save(found / "unusual.jsonl", [{"id": 1, "support": [[1.5]], "trace": [[1.5]]}] * 3)
     save(found / "wrong.jsonl", CROSSING[1:])
     save(found / "cubes.jsonl", [{"moves": [move]} for move in CROSSING])
     steps = json.loads(SCENARIO.read_text())["moves"]

@@ -335,6 +335,7 @@ def test_no_run_to_join_is_one_line(commands: Commands) -> None:
     port = listens(commands.start("router", f"--listen={LOOPBACK}"))
     for endpoint, line in (
         ("tcp/127.0.0.1:9", "no zenoh router at tcp/127.0.0.1:9: nobody answers"),
+        ("tcp/a..b:9", "no zenoh router at tcp/a..b:9: nobody answers"),  # no host has that name
         (port, f"no run waits at {port}"),
     ):
         code, answer, errors = joins(commands, endpoint, "0", "--patience=1").end()

@@ -16,6 +16,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import (
     appended_file,
     check_output,
+    check_output_folder,
     new_file,
     same_file,
     special_file,
@@ -154,6 +155,28 @@ def test_a_link_that_a_stranger_planted_is_refused(tmp_path: Path) -> None:
     with written_whole(folder / "file") as stream:
         stream.write(b"new")
     assert (tmp_path / "mine").read_text() == "new"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
+@pytest.mark.parametrize("what", ["folder", "pipe"])
+def test_no_link_of_a_stranger_leads_to_a_folder_or_a_pipe(tmp_path: Path, what: str) -> None:
+    """It is refused wherever in the path it is, and whatever it leads to."""
+    target = tmp_path / what
+    if what == "pipe":
+        os.mkfifo(target)
+    else:
+        target.mkdir()
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    (shared / "link").symlink_to(target)
+    os.chown(shared / "link", 4711, 4711, follow_symlinks=False)
+    path = shared / "link" if what == "pipe" else shared / "link" / "file"
+    for write in (check_output, lambda path: written_whole(path).__enter__()):
+        with pytest.raises(InputError, match="link is a link of another user"):
+            write(path)
+    with pytest.raises(InputError, match="link is a link of another user"):
+        check_output_folder(shared / "link" / "new")
+    assert what == "pipe" or names(target) == []
 
 
 def test_links_in_a_circle_are_told(tmp_path: Path) -> None:

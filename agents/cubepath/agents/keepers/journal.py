@@ -192,15 +192,15 @@ class FileJournal:
         self._end = self._number = self._checksum = 0
         try:
             self._file = appended_file(path)
+            try:
+                self._take_up(commits)
+            except BaseException:
+                self._file.close()
+                raise
         except OSError as error:
             raise InputError(
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
-        try:
-            self._take_up(commits)
-        except BaseException:
-            self._file.close()
-            raise
 
     def _take_up(self, commits: int) -> None:
         opened, birth = self._opened, 0

@@ -61,14 +61,24 @@ class _Rows:
 
     def cells(self, system: System, box: Box) -> list[tuple[int, int]]:
         """Return the cells in a box; on an endless lattice, one more on each side."""
-        more = 0 if system.bounded else 1
-        left, right, low, high = box
-        left, right, low, high = left - more, right + more, low - more, high + more
+        left, right, low, high = _wider(system, box)
         return [
             (column, self.up * row)
             for row in range(ceil(low / self.stretch), floor(high / self.stretch) + 1)
             for column in range(ceil(left - self.slant * row), floor(right - self.slant * row) + 1)
         ]
+
+    def shows(self, system: System, box: Box, place: Site) -> bool:
+        """Return whether a cell is one of those in a box."""
+        left, right, low, high = _wider(system, box)
+        x, y = self.spot(place)
+        return left <= x <= right and low <= y <= high
+
+
+def _wider(system: System, box: Box) -> Box:
+    left, right, low, high = box
+    more = 0 if system.bounded else 1
+    return left - more, right + more, low - more, high + more
 
 
 _HEXAGON_ROWS, _SQUARE_ROWS, _MAP_ROWS = _Rows(0.5, sqrt(3) / 2, 1), _Rows(0, 1, 1), _Rows(0, 1, -1)
@@ -220,15 +230,16 @@ def _marks(
     scene: Scene, shots: Sequence[Shot], box: Box, *, rows: _Rows, on_map: bool
 ) -> Iterator[Mark]:
     yield from place_marks(scene, shots, discs=on_map)
-    system, cells = scene.system, rows.cells(scene.system, box)
+    system = scene.system
     if on_map:
+        cells = rows.cells(system, box)
         free = [cell for cell in cells if system.has_place(cell)]
         if len(free) < len(cells) or _walls(system, free):
             yield Mark("wall", face=WALL)
         return
-    if any(cell in system.filled for cell in cells):
+    if any(rows.shows(system, box, site) for site in system.filled):
         yield Mark("obstacle", face=WALL)
-    if any(cell in system.empty for cell in cells):
+    if any(rows.shows(system, box, site) for site in system.empty):
         yield Mark("kept free", face=LINE)
 
 

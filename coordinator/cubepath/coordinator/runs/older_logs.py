@@ -73,15 +73,13 @@ class _Known:
                 self._has[_Key(keeper, _OPENED)] = (birth,)
             case Prepared(passed=passed):
                 attempt = passed.attempt
-                key = _Key(keeper, _PREPARED, attempt.module)
-                self._has[key] = attempt.epoch, attempt.number
+                self._log(_Key(keeper, _PREPARED, attempt.module), attempt.epoch, attempt.number)
                 self._attempted(keeper, attempt, where)
             case Committed(passed=passed, decision=decision):
                 self._has[_Key(keeper, _COMMIT)] = self._committed(decision, where)
                 self._attempted(keeper, passed.attempt, where)
             case Decided(decision=decision):
-                key = _Key(keeper, _DECIDED, decision.module)
-                self._has[key] = decision.epoch, decision.number
+                self._log(_Key(keeper, _DECIDED, decision.module), decision.epoch, decision.number)
                 self._committed(decision, where)
             case Acknowledged():
                 key = _Key(record.keeper, _DECIDED, record.module)
@@ -137,6 +135,9 @@ class _Known:
         """Whoever acts in an epoch has entered so often."""
         if epoch > self._epochs.get(module, (0, where))[0]:
             self._epochs[module] = epoch, where
+
+    def _log(self, key: _Key, *number: int) -> None:
+        self._has[key] = max(self._has.get(key, ()), number)
 
     def _tell(self, key: _Key, number: _Number, where: Path) -> None:
         if number[-1] and number > self._told.get(key, ((), where))[0]:

@@ -302,6 +302,8 @@ class Tails:
             yield f"{where}: {tail.prepared} attempts are under way at the end"
         else:
             yield from self._other_units(where, tail)
+        # With commits left to tell, a keeper tells of no unit yet.
+        if not tail.prepared and (not tail.parts or tail.parts[-1].serial == tail.serial):
             for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
                 yield f"{where}: it does not tell of {site_text(unit)}"
 

@@ -60,7 +60,7 @@ class NumberTable:
                 return known
         if gap < 0:
             near[key] = value
-        elif gap <= _GAP + self._count:
+        elif key <= _GAP + 2 * self._count:  # else gaps of forged keys could add up
             near.extend([_NONE] * gap)
             near.append(value)
         else:

@@ -149,7 +149,10 @@ def file_within(folder: Path, name: Path | str) -> Path:
     anywhere, and an input does not choose what is read and written there.
     """
     path, real = folder / name, os.path.realpath(folder)
-    inside = os.path.commonpath([real, os.path.realpath(path)]) == real
+    try:
+        inside = os.path.commonpath([real, os.path.realpath(path)]) == real
+    except ValueError:  # no file has a NUL in its name
+        inside = False
     if Path(name).is_absolute() or not inside:
         raise InputError(
             f"{path}: leads out of {folder}, expected a path in that folder, or the file itself on"

@@ -1,9 +1,9 @@
 """Output files: each written whole or not at all, and checked before long work begins.
 
 A new file gets a name that nobody can guess, is created exclusively, and then takes the place of
-the old one. A symbolic link at the destination is followed, so that the link stays and the file
-that it leads to is replaced, but only if the link belongs to you, to root, or to the owner of the
-folder it is in: one that somebody else planted in a shared folder is refused. Linux has the same
+the old one. A symbolic link in its path is followed, so that the link stays and the file that it
+leads to is replaced, but only if the link belongs to you, to root, or to the owner of the folder it
+is in: one that somebody else planted in a shared folder is refused. Linux has the same
 rule for /tmp (``protected_symlinks`` in proc(5)). Anything but a regular file, such as standard
 output, a pipe or a device, is written in place.
 """
@@ -36,7 +36,7 @@ def written_whole(path: Path | str) -> Generator[BinaryIO]:
     """Open a file for writing that is complete afterwards, or unchanged.
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
-    it cannot be written or its name is a link of another user, CheckError if that is standard
+    it cannot be written or its path has a link of another user, CheckError if that is standard
     output or the disk is full or broken, and BrokenPipeError if it has no reader any more. An
     OSError of the body counts as a failure to write; other errors of the body propagate.
     """
@@ -47,11 +47,11 @@ def written_whole(path: Path | str) -> Generator[BinaryIO]:
         return
     part: Path | None = None
     try:
+        target = _resolved(path)  # a link stays a link
         if is_special(path):
             with special_file(path) as stream:
                 yield stream
             return
-        target = _resolved(path)  # a link stays a link
         named = target.with_name(f".{target.name[:_NAME_MAX]}.{token_hex(8)}.part")
         before = target.stat().st_mode if target.exists() else None
         # Nobody may read the new file who could not read the old one, not even for a moment.
@@ -149,12 +149,14 @@ def same_file(one: Path | str, other: Path | str) -> bool:
 
 def check_output(path: Path) -> None:
     """Check that a file can be written; InputError says why not. No folder is created."""
-    if path == STANDARD_OUTPUT or is_special(path):
+    if path == STANDARD_OUTPUT:
         return
     try:
         if path.is_dir():
             raise InputError(f"{path}: a folder, expected a file to write")
         folder = _resolved(path).parent
+        if is_special(path):
+            return
         if not folder.is_dir():
             named = folder if path.is_symlink() else path.parent
             raise InputError(f"{path}: there is no folder {named}, expected one to write to")
@@ -169,7 +171,8 @@ def check_output(path: Path) -> None:
 def check_output_folder(folder: Path) -> None:
     """Check that a folder can be written to, or made where files will be; InputError if not."""
     try:
-        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        folder = _resolved(folder)
+        there = next(each for each in (folder, *folder.parents) if each.exists())
     except OSError as error:
         raise unwritable(folder, error) from None
     if not there.is_dir():
@@ -179,22 +182,26 @@ def check_output_folder(folder: Path) -> None:
 
 
 def _resolved(path: Path) -> Path:
-    """Return where a file is, or will be, after the links that its name leads through."""
-    try:
-        for _ in range(_LINKS_MAX):
-            folder = path.parent.resolve()
-            path = folder / path.name
-            if not path.is_symlink():
-                return path
-            owner = path.lstat().st_uid
-            if owner not in {os.geteuid(), 0, folder.stat().st_uid}:
-                raise PermissionError(
-                    errno.EACCES, f"{path} is a link of another user, expected none or your own"
-                )
-            path = folder / path.readlink()
-    except RuntimeError:  # a loop of links, up to Python 3.12
-        pass
-    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    """Return where a file is, or will be, after all links that its path leads through."""
+    done, names, links = Path("/"), [*reversed(path.absolute().parts[1:])], 0
+    while names:
+        name = names.pop()
+        here = done.parent if name == ".." else done / name
+        if not here.is_symlink():
+            done = here
+            continue
+        links += 1
+        if links > _LINKS_MAX:
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        if here.lstat().st_uid not in {os.geteuid(), 0, done.stat().st_uid}:
+            raise PermissionError(
+                errno.EACCES, f"{here} is a link of another user, expected none or your own"
+            )
+        target = here.readlink()
+        if target.is_absolute():
+            done = Path("/")
+        names += reversed(target.parts[1:] if target.is_absolute() else target.parts)
+    return done
 
 
 def unwritable(path: Path, error: OSError) -> CubepathError:

@@ -155,7 +155,7 @@ def is_reachable(endpoint: str, patience_s: float) -> bool:
     deadline = time.monotonic() + patience_s
     while True:
         left_s = deadline - time.monotonic()
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, UnicodeError):  # the latter for names that no host has
             socket.create_connection(
                 _address(place.partition("/")[2]),
                 timeout=max(_AGAIN_S, min(_TAKE_S, left_s)),
