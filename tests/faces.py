@@ -1,4 +1,4 @@
-"""What the faces of the rooms say, read from their sources without importing anything."""
+"""What the faces offer and which modules there are, read without importing anything."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 LARGE = ("protocol", "agents", "coordinator")
-"""The three large rooms; all others lie in one of them."""
-FOR_USERS = ("cubepath.coordinator.testing",)
-"""The rooms whose own faces users import from: their names would say too little on a large one."""
+"""The three folders of sources."""
+FACES = (*(f"cubepath.{large}" for large in LARGE), "cubepath.coordinator.testing")
+"""The packages that users import from."""
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,6 @@ class Source:
 
     path: Path
     module: str
-
-    @property
-    def is_face(self) -> bool:
-        """Tell whether this is the ``__init__`` of a package."""
-        return self.path.name == "__init__.py"
 
     @property
     def tree(self) -> ast.Module:
@@ -39,7 +34,7 @@ def _tree(path: Path) -> ast.Module:
 
 @cache
 def sources() -> dict[str, Source]:
-    """Return all modules of the project by their dotted names; a package is its face."""
+    """Return all modules of the project by their dotted names."""
     found: dict[str, Source] = {}
     for large in LARGE:
         for path in sorted((ROOT / large / "cubepath").rglob("*.py")):
@@ -49,40 +44,21 @@ def sources() -> dict[str, Source]:
     return found
 
 
-def large_faces() -> list[str]:
-    """Return the names of the three large rooms."""
-    return [f"cubepath.{large}" for large in LARGE]
-
-
-@cache
-def rooms() -> list[str]:
-    """Return the names of the rooms inside the large ones."""
+def packages() -> list[str]:
+    """Return the packages directly inside the three folders."""
     return [
         name
         for name, source in sources().items()
-        if source.is_face and name.count(".") == len(("cubepath", "large", "room")) - 1
+        if source.path.name == "__init__.py" and name.count(".") == len(("large", "package"))
     ]
-
-
-def room_of(module: str) -> str | None:
-    """Return the room that a module lies in; None for a large face and what is of no room."""
-    return next((room for room in rooms() if f"{module}.".startswith(f"{room}.")), None)
 
 
 @cache
 def offered(face: str) -> dict[str, str]:
-    """Return for each name that a face imports for type checkers the module it imports it from."""
+    """Return for each name in the stub of a face the module that it comes from."""
     return {
         alias.name: statement.module or ""
-        for branch in sources()[face].tree.body
-        if isinstance(branch, ast.If)
-        for statement in branch.body
+        for statement in _tree(sources()[face].path.with_suffix(".pyi")).body
         if isinstance(statement, ast.ImportFrom)
         for alias in statement.names
     }
-
-
-def home(face: str, name: str) -> str:
-    """Return the module that defines a name which a face offers, by way of the face of a room."""
-    found = offered(face)[name]
-    return home(found, name) if sources()[found].is_face else found

@@ -22,73 +22,7 @@ import cubepath.protocol
 from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened, StateComplex
 from cubepath.protocol import Action, Scene
-from faces import FOR_USERS, ROOT, home, large_faces, offered, rooms, sources
-
-PUBLIC = {
-    "cubepath.protocol": """
-        Action Bound CLOSED Catalogue Certificate CheckError CubepathError Durations EDGES EMPTY
-        ExcludedError FILLED FIRST_LABEL Family FlipSystem FollowingFile FollowingHead FollowingLine
-        FollowingProof Generator GeneratorPlacement GraphSystem HEXAGONS InputError Lattice
-        LatticeSystem MODULE Message Move MoveName OptimalityProof PathMove PlanHints Record
-        Recording RecordingWriter RuleError SQUARES Scene Site State System TabledSystem TimedLine
-        VehicleGraph VehicleMove VehiclePlan Ways admissible all_families apply certificate_schema
-        commute cube_schema decode filter_recording following_schemas hex_catalogue in_order
-        merge_recordings move_schemas open_client read_certificate read_cubes read_durations
-        read_following read_following_proof read_moves read_plan read_proof read_recording
-        read_scene read_timetable scene_from_spec scene_from_toml scene_to_toml schema_of
-        site_from_json split_recording timetable_schema why_inadmissible write_certificate
-        write_cubes write_following write_following_proof write_moves write_proof write_timetable
-    """,
-    "cubepath.agents": """
-        Checked Choice Chosen CubepathEnv CubepathVectorEnv Finding FreeEnv FreePlayed FreeRule
-        GaveUp InitialKnowledge Note Observation Played PlayedMany Rule RuleType Seen VectorActors
-        VectorKnowledge VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text
-        env observe parallel_env play play_free play_many policy_rule raw_env rule_named sb3_env
-        sb3_rule sb3_save vector_actors_for vector_env
-    """,
-    "cubepath.coordinator": """
-        Beyond Claim Collapsed Compared Converted CubicalComplex Divergence Explored Exported
-        FaultRates FewestRounds FollowingTimetable Gatherer Homology Improved Lift Links Live
-        LiveReplay Macro Optimum Outcome Overheard PathInput Plan Player PlayerStatus Position
-        ProvedFewest ProvedOptimal Recorder Recovered Replayed Report Row Running ShapeComplex Sheet
-        Shortened Shown StandardInstance StateComplex Status Surface Sweep SweepResults Tap Task
-        Timetable Transitions Verification actions_at all_claims animate animate_beside ask audit
-        beyond certificate_of check_certificate check_fewest_rounds check_following check_links
-        check_optimality check_proof collapse complex_from_faces compute_claims contractibility
-        convert diff draw_complex durations_of earliest end_state explore export f_vector
-        fewest_rounds fewest_rounds_proof following_timetable gathered homology improve info is_cube
-        is_normal lift lower_bound macro normal_cube_path only_class optimum page_document
-        read_sweep read_vehicle_plan record recover replay replay_live run run_page run_picture
-        shape_complex shorten standard start state_complex surface sweep task_of timetable_file
-        to_networkx unfilled verify watch_run what_if write_complex write_report
-    """,
-    "cubepath.coordinator.testing": """
-        Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
-        Trial Tried fault faults live_modules other_rule replay_into replay_into_node scenarios
-        trial_of
-    """,
-}
-"""What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""
-
-FACES = [*large_faces(), *rooms()]
-
-
-@pytest.mark.parametrize("face", [*large_faces(), *FOR_USERS])
-def test_what_users_may_rely_on(face: str) -> None:
-    """The faces for users offer these names, neither more nor fewer."""
-    assert sorted(importlib.import_module(face).__all__) == sorted(PUBLIC[face].split())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("face", FACES)
-def test_type_checkers_and_python_see_the_same(face: str) -> None:
-    """Each name of ``__all__`` is imported for type checkers, and is that very object."""
-    package = importlib.import_module(face)
-    names = vars(package).get("__all__", [])
-    assert sorted(offered(face)) == sorted(names)
-    assert set(names) <= set(dir(package))
-    for name in names:
-        assert getattr(package, name) is getattr(importlib.import_module(home(face, name)), name)
+from faces import FACES, ROOT, offered, packages, sources
 
 
 @pytest.mark.parametrize("face", FACES)
@@ -97,12 +31,20 @@ def test_no_module_takes_the_place_of_a_name(face: str) -> None:
     assert not [name for name in offered(face) if f"{face}.{name}" in sources()]
 
 
-@pytest.mark.parametrize("face", FACES)
-def test_a_face_says_what_room_it_is(face: str) -> None:
-    """The docstring begins with a line on what the room is and says in which large room it lies."""
-    lines = (importlib.import_module(face).__doc__ or "").splitlines()
-    assert lines[0].endswith(".")
-    assert f"Room: {face.split('.')[1]}" in "\n".join(lines)
+def test_inside_the_project_names_come_from_the_modules_that_define_them() -> None:
+    """No module imports from a face, which would load more and hide where a name is defined."""
+    wrong = [
+        f"{source.path.relative_to(ROOT)}:{node.lineno}"
+        for source in sources().values()
+        for node in ast.walk(source.tree)
+        if (
+            isinstance(node, ast.ImportFrom)
+            and node.module in FACES
+            and not all(f"{node.module}.{alias.name}" in sources() for alias in node.names)
+        )
+        or (isinstance(node, ast.Import) and {alias.name for alias in node.names} & {*FACES})
+    ]
+    assert not wrong
 
 
 LOADS = """
@@ -129,10 +71,11 @@ def loaded(*faces: str, also: str = "") -> set[str]:
 
 @pytest.mark.slow
 def test_a_face_loads_nothing() -> None:
-    """All faces together load nothing but themselves: no zenoh, matplotlib, numba, PettingZoo."""
-    found = loaded(*FACES)
+    """All packages together load nothing but themselves: no zenoh, matplotlib, numba."""
+    everything = [*FACES, *packages()]
+    found = loaded(*everything)
     foreign = {name for name in found if name.split(".")[0] not in sys.stdlib_module_names}
-    assert foreign == {"cubepath", "cubepath.protocol.faces", *FACES}
+    assert foreign == {"cubepath", "cubepath.protocol.faces", *everything}
 
 
 @pytest.mark.slow
@@ -162,12 +105,12 @@ def test_what_is_not_offered_is_an_error() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("face", large_faces())
+@pytest.mark.parametrize("face", FACES)
 def test_all_names_come_with_a_star(face: str) -> None:
     """``from FACE import *`` gives what is offered."""
     names: dict[str, object] = {}
     exec(f"from {face} import *", names)  # noqa: S102 - no other way to have a star in a function
-    assert set(PUBLIC[face].split()) == set(names) - {"__builtins__"}
+    assert set(offered(face)) == set(names) - {"__builtins__"}
 
 
 def test_what_comes_from_a_face_is_pickled_by_its_module() -> None:
@@ -180,11 +123,11 @@ def test_what_comes_from_a_face_is_pickled_by_its_module() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("face", large_faces())
+@pytest.mark.parametrize("face", FACES)
 def test_help_shows_what_is_offered(face: str) -> None:
     """``help(FACE)`` has every class and function, with what it is for."""
     text = pydoc.plain(pydoc.render_doc(face))
-    for name in PUBLIC[face].split():
+    for name in offered(face):
         assert name in text
 
 
@@ -212,13 +155,11 @@ def docstring(module: str, name: str) -> str | None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("face", large_faces())
+@pytest.mark.parametrize("face", FACES)
 def test_every_public_name_says_what_it_is(face: str) -> None:
-    """Functions, classes, types and constants of the large faces have a docstring of their own."""
+    """Functions, classes, types and constants of the faces have a docstring of their own."""
     missing = [
-        f"{home(face, name)}.{name}"
-        for name in offered(face)
-        if not docstring(home(face, name), name)
+        f"{home}.{name}" for name, home in offered(face).items() if not docstring(home, name)
     ]
     assert not missing
 
@@ -256,7 +197,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_is_shown_to_users_is_what_they_may_rely_on(page: Path) -> None:
     """The README and the docs import nothing but names of the three large faces."""
-    public = {(face, name) for face, names in PUBLIC.items() for name in names.split()}
+    public = {(face, name) for face in FACES for name in offered(face)}
     assert not set(imported(page.read_text("utf-8"))) - public
 
 

@@ -28,7 +28,8 @@ from cubepath.coordinator.complexes.shape_complexes import (
 )
 from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.satisfiability import MetMoves, encode
+from cubepath.coordinator.satisfiability.encoding import encode
+from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.solver_process import SolverProcess
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions

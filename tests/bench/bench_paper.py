@@ -19,7 +19,7 @@ from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 from time import process_time
 
-from cubepath.coordinator.paper import all_claims, compute_claims
+from cubepath.coordinator.paper.claims import all_claims, compute_claims
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Catalogue, Cell
 from cubepath.protocol.scenes.families.sliding import sliding_catalogue

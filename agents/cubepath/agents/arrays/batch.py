@@ -1,7 +1,7 @@
 """Many environments of one scene, as arrays: reset, observe, step.
 
-Room: agents. A batch holds the dynamic part of each environment, a seed of its own among it; the
-static part, `Tables`, is common to all.
+A batch holds the dynamic part of each environment, a seed of its own among it; the static part,
+`Tables`, is common to all.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a module at a site can do, with its neighbourhood numbered instead of named.
 
-Room: agents. Sites whose moves are the same up to the names of the places are of one *kind*. A kind
-speaks of places by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
+Sites whose moves are the same up to the names of the places are of one *kind*. A kind speaks of
+places by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The tables of a lattice, worked out by translation in compiled code.
 
-Room: agents. Cells are numbered by a hash of their coordinates, so the lattice has no end and no
-window: tables grow with the cells that modules meet, wherever they wander.
+Cells are numbered by a hash of their coordinates, so the lattice has no end and no window: tables
+grow with the cells that modules meet, wherever they wander.
 """
 
 from __future__ import annotations

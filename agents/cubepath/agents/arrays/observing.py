@@ -1,8 +1,7 @@
 """What all modules observe, in compiled code.
 
-Room: agents. The same as `observe` in `local`, by number instead of by name, for every module of
-every environment of a batch. The plain world is the reference: tests hold the two together step by
-step.
+The same as `observe` in `local`, by number instead of by name, for every module of every
+environment of a batch. The plain world is the reference: tests hold the two together step by step.
 """
 
 from __future__ import annotations

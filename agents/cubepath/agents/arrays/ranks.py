@@ -1,7 +1,7 @@
 """The ranks of claims in compiled code: BLAKE2b, as `cubepath.agents.local.arbitration.priority`.
 
-Room: agents. Source: RFC 7693, for digests of 8 bytes without a key. The steps for one text wait
-for each other, so several texts are hashed side by side, each in a *lane*, round by round.
+Source: RFC 7693, for digests of 8 bytes without a key. The steps for one text wait for each other,
+so several texts are hashed side by side, each in a *lane*, round by round.
 """
 
 from __future__ import annotations

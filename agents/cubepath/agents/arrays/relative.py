@@ -1,7 +1,7 @@
 """The relative observations of all modules of a batch at once.
 
-Room: agents. They are those of `RelativeObserver`, to the last bit: what depends on the own site
-alone is looked up once for each stand, the rest is arithmetic on arrays.
+They are those of `RelativeObserver`, to the last bit: what depends on the own site alone is looked
+up once for each stand, the rest is arithmetic on arrays.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A round of all environments of a batch, in compiled code: claims, moves, observations.
 
-Room: agents. The same as a round of the plain world, which is the reference: tests hold the two
-together step by step.
+The same as a round of the plain world, which is the reference: tests hold the two together step by
+step.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Which claims of a round are granted, in compiled code.
 
-Room: agents. The same as `contest` and `verdict` in `local`, for all claims of an environment at
-once: two that conflict are compared by rank, and what does not conflict is granted.
+The same as `contest` and `verdict` in `local`, for all claims of an environment at once: two that
+conflict are compared by rank, and what does not conflict is granted.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Where the modules of a batch are, what they observe, and memory for their claims.
 
-Room: agents. The first axis of all arrays but those of `Scratch` is the environment.
+The first axis of all arrays but those of `Scratch` is the environment.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The static part of a scene as arrays, grown as modules come to new places.
 
-Room: agents. Places are numbered as they are met; number 0 is no place. A *stand* is a site where a
-module can be: what it senses and can do there is worked out when the first module comes there, so
-tables are as large as the part of the world that was visited, whatever the system.
+Places are numbered as they are met; number 0 is no place. A *stand* is a site where a module can
+be: what it senses and can do there is worked out when the first module comes there, so tables are
+as large as the part of the world that was visited, whatever the system.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Getting the compiled world ready: when it pays, and beside the plain one.
 
-Room: agents. Loading compiled code takes about a second, and compiling it a quarter of a minute,
-once for an installation. Small work is done before that; while large work waits for the compiler,
-which runs in a process of its own, the plain world serves.
+Loading compiled code takes about a second, and compiling it a quarter of a minute, once for an
+installation. Small work is done before that; while large work waits for the compiler, which runs in
+a process of its own, the plain world serves.
 """
 
 from __future__ import annotations

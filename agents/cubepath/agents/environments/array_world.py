@@ -1,6 +1,6 @@
 """The lockstep world of one environment in compiled code, with what PettingZoo asks for.
 
-Room: agents. It gives what `World` gives, for all modules at once.
+It gives what `World` gives, for all modules at once.
 """
 
 from __future__ import annotations

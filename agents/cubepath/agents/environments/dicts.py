@@ -1,7 +1,4 @@
-"""The dicts of an environment in the form that PettingZoo asks for: kept ones, and infos.
-
-Room: agents.
-"""
+"""The dicts of an environment in the form that PettingZoo asks for: kept ones, and infos."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The PettingZoo environments: one agent per module, in one process or over zenoh.
-
-Room: agents.
-"""
+"""The PettingZoo environments: one agent per module, in one process or over zenoh."""
 
 from __future__ import annotations
 

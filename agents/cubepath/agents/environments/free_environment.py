@@ -1,7 +1,4 @@
-"""The PettingZoo environment without rounds: modules act by themselves, one after another.
-
-Room: agents.
-"""
+"""The PettingZoo environment without rounds: modules act by themselves, one after another."""
 
 from __future__ import annotations
 

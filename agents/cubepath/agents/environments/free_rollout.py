@@ -1,7 +1,4 @@
-"""Play a rule without rounds, in one process.
-
-Room: agents.
-"""
+"""Play a rule without rounds, in one process."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The world without rounds in one process: one keeper, and what each module is shown of it.
 
-Room: agents. Every attempt is decided at once, by the keeper that decides it on the wire. What a
-module is shown may be out of date, as it is there; what counts is what holds.
+Every attempt is decided at once, by the keeper that decides it on the wire. What a module is shown
+may be out of date, as it is there; what counts is what holds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The moves of many runs as arrays: each distinct move once, and by number wherever it was made.
 
-Room: agents. A run of a thousand rounds makes hundreds of thousands of moves of few hundred kinds;
-as objects, round by round, they would cost more than to play them.
+A run of a thousand rounds makes hundreds of thousands of moves of few hundred kinds; as objects,
+round by round, they would cost more than to play them.
 """
 
 from __future__ import annotations

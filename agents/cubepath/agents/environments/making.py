@@ -1,6 +1,6 @@
 """The usual ways to make a PettingZoo environment: parallel or in turns, in processes or in one.
 
-Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
+`parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Play a rule in one process, in compiled code where that pays and in plain Python elsewhere.
-
-Room: agents.
-"""
+"""Play a rule in one process, in compiled code where that pays and in plain Python elsewhere."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Play a rule in plain Python, in one process: the reference for every run on the wire.
-
-Room: agents.
-"""
+"""Play a rule in plain Python, in one process: the reference for every run on the wire."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Play a rule many times in one scene, a seed for each run: what `play` gives, as arrays.
 
-Room: agents. Rules with a vectorised form are played in compiled code, all runs side by side.
+Rules with a vectorised form are played in compiled code, all runs side by side.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Learning with Stable-Baselines3: environments for it, and what it has learned as a rule.
 
-Room: agents. The library is an extra, ``pip install 'cubepath[learning]'``, imported when needed.
+The library is an extra, ``pip install 'cubepath[learning]'``, imported when needed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Environments as Stable-Baselines3 has them, a row for each module.
 
-Room: agents. Imported only where the library is there: see `sb3`. Source: its `VecEnv`, and the
-masks of sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
+Imported only where the library is there: see `sb3`. Source: its `VecEnv`, and the masks of
+sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 """
 
 from __future__ import annotations

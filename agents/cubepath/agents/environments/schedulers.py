@@ -1,7 +1,7 @@
 """Who acts next under the free clock, in one process.
 
-Room: agents. Each of them lets every module act again and again, and follows from the seed and from
-what came of the turns so far.
+Each of them lets every module act again and again, and follows from the seed and from what came of
+the turns so far.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the environments show of what a module sees: absolute or relative observations.
 
-Room: agents. It is one step behind the worlds, which know absolute observations alone; so all of
-them show the same.
+It is one step behind the worlds, which know absolute observations alone; so all of them show the
+same.
 """
 
 from __future__ import annotations

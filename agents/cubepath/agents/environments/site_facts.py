@@ -1,6 +1,6 @@
 """What an environment tells of where its modules are: their share at the goal, arrays, pictures.
 
-Room: agents. The same for both clocks.
+The same for both clocks.
 """
 
 from __future__ import annotations

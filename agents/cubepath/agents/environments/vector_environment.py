@@ -1,7 +1,7 @@
 """Many episodes of one scene side by side, as Gymnasium's vector environments have them.
 
-Room: agents. Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each
-environment: what belongs to one environment has an axis for them.
+Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each environment:
+what belongs to one environment has an axis for them.
 """
 
 from __future__ import annotations

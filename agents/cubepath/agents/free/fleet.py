@@ -1,8 +1,7 @@
 """The processes of a run without rounds: a router, keepers and modules; nobody paces them.
 
-Room: agents. A fleet starts them, looks after them, and ends them. What happens when one of them
-dies is for `on_crash` to say; keepers come back from their logs, and modules take their places
-again.
+A fleet starts them, looks after them, and ends them. What happens when one of them dies is for
+`on_crash` to say; keepers come back from their logs, and modules take their places again.
 """
 
 from __future__ import annotations

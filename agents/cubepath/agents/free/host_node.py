@@ -1,7 +1,7 @@
 """The node of a module process in a run without rounds: some modules, and what they sense.
 
-Room: agents. It is told of messages and ticks and gives effects. It knows no time but that of its
-ticks, each of which comes a while after it was asked for; that is enough to ask again.
+It is told of messages and ticks and gives effects. It knows no time but that of its ticks, each of
+which comes a while after it was asked for; that is enough to ask again.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a module process is told at its birth, in a run without rounds.
 
-Room: agents. The fleet and the simulator give the same orders.
+The fleet and the simulator give the same orders.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A module process of a run without rounds, on one zenoh session.
 
-Room: agents. Started as ``python -m cubepath.agents.free.process`` with its `FreeOrders`; it ends
-when it is told to, or with its parent.
+Started as ``python -m cubepath.agents.free.process`` with its `FreeOrders`; it ends when it is told
+to, or with its parent.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What keepers have shown to the modules of a process.
 
-Room: agents. A process hears of whole tiles; a module is given only the places that it senses, and
-the registers within its reach. What is shown of a tile is numbered, so a gap is noticed at once.
+A process hears of whole tiles; a module is given only the places that it senses, and the registers
+within its reach. What is shown of a tile is numbered, so a gap is noticed at once.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What an attempt takes of each keeper: derived from the catalogue, and checked against it.
 
-Room: agents. Everyone who handles an attempt derives the same from it, so nothing of this travels.
+Everyone who handles an attempt derives the same from it, so nothing of this travels.
 """
 
 from __future__ import annotations

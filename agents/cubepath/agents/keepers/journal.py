@@ -1,9 +1,9 @@
 """The log of a keeper: what it has logged before it answered, and what it comes back from.
 
-Room: agents. A record is one line: a checksum, the number of the record, from 1, and its JSON. The
-checksum is a CRC-32 that begins with the checksum of the record before, so each depends on all
-records before it. The first record says whose log it is, and so does each time that it is opened
-again. A last line that was cut off by a crash is no record, and nobody was answered for it.
+A record is one line: a checksum, the number of the record, from 1, and its JSON. The checksum is a
+CRC-32 that begins with the checksum of the record before, so each depends on all records before it.
+The first record says whose log it is, and so does each time that it is opened again. A last line
+that was cut off by a crash is no record, and nobody was answered for it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A keeper as a pure machine: parts of messages and ticks in, parts of messages out.
 
-Room: agents. Attempts pass through the keepers concerned in increasing order, each of which checks
-what was sensed, locks, logs and passes on; the last one commits, and that is the move. An attempt
-that is in the way of another waits for it, first come, first served: whoever waits at a keeper
-holds locks at lower ones only, so nobody waits in a circle. docs/free-clock.md has the argument.
+Attempts pass through the keepers concerned in increasing order, each of which checks what was
+sensed, locks, logs and passes on; the last one commits, and that is the move. An attempt that is in
+the way of another waits for it, first come, first served: whoever waits at a keeper holds locks at
+lower ones only, so nobody waits in a circle. docs/free-clock.md has the argument.
 
 A keeper says the same again whenever it is asked again, and decides nothing: it only compares what
 was sensed with what holds.

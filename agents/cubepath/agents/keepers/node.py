@@ -1,7 +1,4 @@
-"""A keeper as a node: strict decoding, keys, and ticks.
-
-Room: agents.
-"""
+"""A keeper as a node: strict decoding, keys, and ticks."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What a keeper is told at its birth.
 
-Room: agents. The fleet and the simulator give the same orders.
+The fleet and the simulator give the same orders.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A keeper in a process of its own, on one zenoh session, with its log in a file.
 
-Room: agents. Started as ``python -m cubepath.agents.keepers.process`` with its `KeeperOrders`; it
-ends when it is told to, or with its parent.
+Started as ``python -m cubepath.agents.keepers.process`` with its `KeeperOrders`; it ends when it is
+told to, or with its parent.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Arbitration of claims, from one module's point of view: conflict, rank, verdict, final site.
 
-Room: agents. Pure functions from what a module knows to what follows from it. `ModuleCore` calls
-them as messages arrive, `World` for every module at once; no other code arbitrates. Two claims
-conflict iff their actions do not commute, and a claim is executed iff every claim that conflicts
-with it and outranks it is lost. Ranks are a total order, so this defines one set, the greedy one in
-order of rank: executed actions commute pairwise, and no claim could be added.
+Pure functions from what a module knows to what follows from it. `ModuleCore` calls them as messages
+arrive, `World` for every module at once; no other code arbitrates. Two claims conflict iff their
+actions do not commute, and a claim is executed iff every claim that conflicts with it and outranks
+it is lost. Ranks are a total order, so this defines one set, the greedy one in order of rank:
+executed actions commute pairwise, and no claim could be added.
 """
 
 from __future__ import annotations

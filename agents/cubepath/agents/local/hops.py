@@ -1,6 +1,6 @@
 """How many moves each site of a finite system is from a module's goals, if nobody is in the way.
 
-Room: agents. It follows from the static map and the goals, which a module knows from birth.
+It follows from the static map and the goals, which a module knows from birth.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """One module of the lockstep protocol, as a pure machine: messages in, messages out.
 
-Room: agents. It holds only what the module was told in this round; it opens no session, reads no
-clock, and gives the same answers in whatever order messages arrive. Its decisions come from the
-functions of `observation`, `arbitration` and `notes`. In each round it is called in this order:
-`sense`, `observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+It holds only what the module was told in this round; it opens no session, reads no clock, and gives
+the same answers in whatever order messages arrive. Its decisions come from the functions of
+`observation`, `arbitration` and `notes`. In each round it is called in this order: `sense`,
+`observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
 """
 
 from __future__ import annotations

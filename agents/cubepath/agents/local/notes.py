@@ -1,6 +1,6 @@
 """When a module tells others its rule's notes.
 
-Room: agents. Pure, like `arbitration`: `ModuleCore` and `World` both use it.
+Pure, like `arbitration`: `ModuleCore` and `World` both use it.
 """
 
 from __future__ import annotations

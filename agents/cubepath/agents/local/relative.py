@@ -1,7 +1,7 @@
 """What one module sees as numbers between -1 and 1 that do not say where it is: for a network.
 
-Room: agents. The relative observation follows from the observation that `observe` makes and from
-what a module knows from birth, the static map and its goals; so it is as local as that one.
+The relative observation follows from the observation that `observe` makes and from what a module
+knows from birth, the static map and its goals; so it is as local as that one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The relative observations of many modules at once, from their absolute ones.
 
-Room: agents. They are those of `RelativeObserver`, to the last bit: what depends on the own site
-alone is asked of it once for each site and goals, and what is sensed is looked up for all.
+They are those of `RelativeObserver`, to the last bit: what depends on the own site alone is asked
+of it once for each site and goals, and what is sensed is looked up for all.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Checking that a rule is local: playing it in scenes under all that must not matter to it.
 
-Room: agents. The rule is loaded in processes of their own alone, never in the one that checks it.
+The rule is loaded in processes of their own alone, never in the one that checks it.
 """
 
 from __future__ import annotations

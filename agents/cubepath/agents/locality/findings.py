@@ -1,8 +1,8 @@
 """What the plays of a rule show: where it chose otherwise, and why that is so.
 
-Room: agents. A rule is local if its choices follow from what its module knows from birth, what it
-has seen, and its own stream. So each play in which something else was different must have the same
-choices as the run; each that does not is a finding, and so is each use of what is outside.
+A rule is local if its choices follow from what its module knows from birth, what it has seen, and
+its own stream. So each play in which something else was different must have the same choices as the
+run; each that does not is a finding, and so is each use of what is outside.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Playing a task in a process of its own: loading the rule, asking it, noting what it uses.
 
-Room: agents. The process is new: nothing of the rule was loaded before.
+The process is new: nothing of the rule was loaded before.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is played to find out whether a rule is local, and what comes of it.
 
-Room: agents. All of it is plain data, which is pickled between processes.
+All of it is plain data, which is pickled between processes.
 """
 
 from __future__ import annotations

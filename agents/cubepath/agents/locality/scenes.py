@@ -1,7 +1,7 @@
 """The scenes in which a rule is checked: of each family a small one, and one beyond its reach.
 
-Room: agents. In a small one all modules may sense one another; only in a larger one is there
-anything that a module does not see.
+In a small one all modules may sense one another; only in a larger one is there anything that a
+module does not see.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Other worlds that look the same to one module: what is beyond its reach is changed.
 
-Room: agents. A module senses some places and hears notes from some; whatever stands elsewhere, what
-numbers and goals the others have, and which seed the run has, is not for it to know.
+A module senses some places and hears notes from some; whatever stands elsewhere, what numbers and
+goals the others have, and which seed the run has, is not for it to know.
 """
 
 from __future__ import annotations

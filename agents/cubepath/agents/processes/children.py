@@ -1,7 +1,4 @@
-"""The module processes that a fleet starts itself: a child process each, or one thread.
-
-Room: agents.
-"""
+"""The module processes that a fleet starts itself: a child process each, or one thread."""
 
 from __future__ import annotations
 

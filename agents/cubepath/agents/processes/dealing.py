@@ -1,7 +1,7 @@
 """Which modules each process has: neighbours together.
 
-Room: agents. What modules of one process say to each other needs no message between processes, so
-modules are dealt out by where they start.
+What modules of one process say to each other needs no message between processes, so modules are
+dealt out by where they start.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A module process: a node with some modules of a run, on one zenoh session.
 
-Room: agents. Started as ``python -m cubepath.agents.processes.host`` with its `Orders`; it ends
-when it is told to, or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in
-the order of the queue.
+Started as ``python -m cubepath.agents.processes.host`` with its `Orders`; it ends when it is told
+to, or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in the order of
+the queue.
 """
 
 from __future__ import annotations

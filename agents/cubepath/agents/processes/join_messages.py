@@ -1,7 +1,7 @@
 """What a process that joins from elsewhere asks, and what it is answered.
 
-Room: agents. It asks by a zenoh get on ``cubepath/RUN/orders/process_N``, or ``.../any``. The
-answer is an `Offer`, or an error of one line. Neither is on record.
+It asks by a zenoh get on ``cubepath/RUN/orders/process_N``, or ``.../any``. The answer is an
+`Offer`, or an error of one line. Neither is on record.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Judging what comes in: a message is taken, or refused with a reason; nothing is raised elsewhere.
 
-Room: agents. Module processes and the coordinator judge alike, by what every process knows: the
-run, the system, and which modules each process has. What is left to judge, where modules stand and
-which moves are admissible, the coordinator's gatherer knows.
+Module processes and the coordinator judge alike, by what every process knows: the run, the system,
+and which modules each process has. What is left to judge, where modules stand and which moves are
+admissible, the coordinator's gatherer knows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Who is alive on the network: zenoh's liveliness tokens, watched across restarts of the router.
-
-Room: agents.
-"""
+"""Who is alive on the network: zenoh's liveliness tokens, watched across restarts of the router."""
 
 from __future__ import annotations
 

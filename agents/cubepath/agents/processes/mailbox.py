@@ -1,7 +1,7 @@
 """What a process has heard from others and said itself, by phase and region, until it is over.
 
-Room: agents. A phase begins once all that was said before it has been heard, and what somebody has
-missed is said again.
+A phase begins once all that was said before it has been heard, and what somebody has missed is said
+again.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Where the processes of a run meet, and how many come from elsewhere.
-
-Room: agents.
-"""
+"""Where the processes of a run meet, and how many come from elsewhere."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Child processes by name: started with their orders, watched, and ended.
 
-Room: agents. Their orders go over standard input, never on a command line.
+Their orders go over standard input, never on a command line.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a module process is told at its birth.
 
-Room: agents. The coordinator's fleet and the simulator give the same orders.
+The coordinator's fleet and the simulator give the same orders.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The phases of a round, in which order they come, and when what is missing is asked for.
 
-Room: agents. The nodes of module processes and of the coordinator share them.
+The nodes of module processes and of the coordinator share them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Processes that join a run from elsewhere, as the coordinator sees them.
 
-Room: agents. A session answers who asks for orders, and is told by zenoh who is alive. Its
-callbacks only enqueue; `look` does the work.
+A session answers who asks for orders, and is told by zenoh who is alive. Its callbacks only
+enqueue; `look` does the work.
 """
 
 from __future__ import annotations

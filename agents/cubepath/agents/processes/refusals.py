@@ -1,7 +1,7 @@
 """What the coordinator refuses: counted, and told of on record without filling it.
 
-Room: agents. Of the messages of a round with the same sender and reason the first is told of at
-once, with how it begins, and how many more there were when the round ends or the wait goes on.
+Of the messages of a round with the same sender and reason the first is told of at once, with how it
+begins, and how many more there were when the round ends or the wait goes on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Whom each module of a process follows: its rule, or first a schedule or a record of its own part.
-
-Room: agents.
-"""
+"""What each module of a process follows: its rule, a schedule, or a record of its own part."""
 
 from __future__ import annotations
 

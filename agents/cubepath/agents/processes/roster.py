@@ -1,6 +1,6 @@
 """Who has asked to join a run from elsewhere, with which modules: a pure table.
 
-Room: agents. Whoever waits asks again every `ASK_S`, so who is not heard for `FORGET_S` has gone.
+Whoever waits asks again every `ASK_S`, so who is not heard for `FORGET_S` has gone.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What must come of the claims of a round, given the verdicts that were said, and who differs.
 
-Room: agents. A module knows the claims that conflict with its own and is told the verdicts on those
-that go before it; the rest follows. Whoever hears all of it can say who has not kept to that.
+A module knows the claims that conflict with its own and is told the verdicts on those that go
+before it; the rest follows. Whoever hears all of it can say who has not kept to that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A canvas to draw on: matplotlib's axes.
 
-Room: agents. matplotlib is imported only when something is drawn, and only through its objects: no
-pyplot, so no window and no global state.
+matplotlib is imported only when something is drawn, and only through its objects: no pyplot, so no
+window and no global state.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a picture that moves is made of, as plain data: what stays, and how modules look at sites.
 
-Room: agents. The styles draw on a list instead of on axes, so every system that has a style has
-this too. Lengths are in cells, y upwards; line widths as well.
+The styles draw on a list instead of on axes, so every system that has a style has this too. Lengths
+are in cells, y upwards; line widths as well.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Cells in rows: hexagons, squares, and maps of squares, as text and on axes.
 
-Room: agents. It only draws what it is given. On a map y counts downwards, vehicles are discs, and
-cells that are no places are walls.
+It only draws what it is given. On a map y counts downwards, vehicles are discs, and cells that are
+no places are walls.
 """
 
 from __future__ import annotations

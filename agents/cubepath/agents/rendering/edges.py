@@ -1,6 +1,6 @@
 """Arms on lattice edges, with the vertices where they join, as text and on axes.
 
-Room: agents. It only draws what it is given.
+It only draws what it is given.
 """
 
 from __future__ import annotations

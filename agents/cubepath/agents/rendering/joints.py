@@ -1,6 +1,6 @@
 """Arms whose ends join at marked vertices: segments and marks told apart.
 
-Room: agents. Pure functions. A picture of lattice edges may also hold vertices, each with a letter
+Pure functions. A picture of lattice edges may also hold vertices, each with a letter
 (`cubepath.protocol.scenes.families.arms`): segments are drawn as usual, a marked vertex as a mark,
 and a free vertex not at all.
 """

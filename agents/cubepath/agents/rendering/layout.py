@@ -1,6 +1,6 @@
 """Positions in a picture, for both text and drawings.
 
-Room: agents. Pure functions.
+Pure functions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The legend of a picture: the meaning of the marks in it.
 
-Room: agents. It only draws what it is given. matplotlib is imported when something is drawn.
+It only draws what it is given. matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations

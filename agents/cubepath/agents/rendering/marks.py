@@ -1,6 +1,6 @@
 """The meaning of marks in a picture, for its legend: outlines, traces, rings, bands, obstacles.
 
-Room: agents. Pure functions.
+Pure functions.
 """
 
 from __future__ import annotations

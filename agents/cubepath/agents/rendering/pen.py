@@ -1,7 +1,7 @@
 """Drawing tools: the colours of modules, and a pen for shapes, lines and words on a canvas.
 
-Room: agents. A canvas is what the pen draws on: matplotlib's axes (`axes_canvas`), or a list of
-what was drawn (`backdrop`).
+A canvas is what the pen draws on: matplotlib's axes (`axes_canvas`), or a list of what was drawn
+(`backdrop`).
 """
 
 from __future__ import annotations

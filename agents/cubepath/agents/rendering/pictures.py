@@ -1,7 +1,7 @@
 """Pictures of the modules: pixels, and drawings on matplotlib's axes.
 
-Room: agents. It only draws what it is given. matplotlib is imported only when something is drawn,
-and only through its objects: no pyplot, so no window and no global state.
+It only draws what it is given. matplotlib is imported only when something is drawn, and only
+through its objects: no pyplot, so no window and no global state.
 """
 
 from __future__ import annotations

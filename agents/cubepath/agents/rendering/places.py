@@ -1,6 +1,6 @@
 """Modules drawn place by place, as on lattices, maps and graphs.
 
-Room: agents. It only draws what it is given.
+It only draws what it is given.
 """
 
 from __future__ import annotations

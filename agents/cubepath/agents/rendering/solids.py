@@ -1,7 +1,7 @@
 """Solids: where modules are, and what they look like, for viewers in three dimensions.
 
-Room: agents. Pure functions. Pictures lie in the plane; a solid is what stands there, with a
-height, and its style says which: the same middles and ends as in a picture.
+Pure functions. Pictures lie in the plane; a solid is what stands there, with a height, and its
+style says which: the same middles and ends as in a picture.
 """
 
 from __future__ import annotations

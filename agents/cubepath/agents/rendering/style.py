@@ -1,6 +1,6 @@
 """Styles of pictures: how a scene is written as text, framed and drawn.
 
-Room: agents. Pure functions.
+Pure functions.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The styles of pictures by name: the values that a system's `drawing` may have.
 
-Room: agents. Pure functions.
+Pure functions.
 """
 
 from __future__ import annotations

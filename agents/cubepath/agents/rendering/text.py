@@ -1,6 +1,6 @@
 """Pictures of the modules as text: the "ansi" render mode.
 
-Room: agents. It only draws what it is given.
+It only draws what it is given.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The colours of pictures but for those of modules, and what stands for them on dark ground.
 
-Room: agents. Pure data.
+Pure data.
 """
 
 from __future__ import annotations

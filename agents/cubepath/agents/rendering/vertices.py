@@ -1,6 +1,6 @@
 """Vertices of a graph, joined by lines, as text and on axes.
 
-Room: agents. It only draws what it is given. Vertices lie where the system says, or on a circle.
+It only draws what it is given. Vertices lie where the system says, or on a circle.
 """
 
 from __future__ import annotations

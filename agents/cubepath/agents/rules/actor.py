@@ -1,6 +1,6 @@
 """An actor: one module's rule with its memory, from PettingZoo observation to action.
 
-Room: agents. The same actor acts for a module in the environment and in a process on the wire.
+The same actor acts for a module in the environment and in a process on the wire.
 """
 
 from __future__ import annotations

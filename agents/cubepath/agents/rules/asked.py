@@ -1,7 +1,4 @@
-"""What a caller asks for by name: a scene, and the rule that its modules follow.
-
-Room: agents.
-"""
+"""What a caller asks for by name: a scene, and the rule that its modules follow."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """From a choice to an attempt: what a module asks of the keepers under the free clock.
 
-Room: agents. The wire and the environment in one process both use it, so a rule that holds in the
-one holds in the other.
+The wire and the environment in one process both use it, so a rule that holds in the one holds in
+the other.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The chain rule: a straight chain of hexagons becomes another that begins where it ended.
 
-Room: agents. Source: after J. Walter, J. Welch and N. Amato, Distributed reconfiguration of
-metamorphic robot chains (PODC 2000; Distributed Computing 17, 2004). The rule itself is ours.
+Source: after J. Walter, J. Welch and N. Amato, Distributed reconfiguration of metamorphic robot
+chains (PODC 2000; Distributed Computing 17, 2004). The rule itself is ours.
 
 Words. The goal is g_0 ... g_(n-1), and the start lies on the line s_m = g_0 + m u: it ends at g_0,
 one cell before it, or for short slides further on in the goal. *Static* are the goal cells and the

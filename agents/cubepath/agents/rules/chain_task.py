@@ -1,6 +1,6 @@
 """What the modules of a chain have to do: the geometry of the rule `chain`.
 
-Room: agents. The docstring of `chain` has the words, and why the chain reaches its goal.
+The docstring of `chain` has the words, and why the chain reaches its goal.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The rule `chain` without rounds.
 
-Room: agents. `chain` has the rule, its words, and why it reaches the goal.
+`chain` has the rule, its words, and why it reaches the goal.
 
 Its register says what a module has to do: which end of the goal is g_0, in which of the six
 directions u leads, and m. It is written once, while the module stands at its start, and read from

@@ -1,7 +1,7 @@
 """The rule `pibt` without rounds.
 
-Room: agents. `pibt` has the source, its words, and the rule with rounds. Without them there is no
-common time, so priorities are causal, as in time-independent planning (Okumura, Tamura and Defago):
+`pibt` has the source, its words, and the rule with rounds. Without them there is no common time, so
+priorities are causal, as in time-independent planning (Okumura, Tamura and Defago):
 
 *Priority.* A vehicle has a *time*, 0 at first. When it leaves its goal, or gives way, its time
 becomes one more than the greatest that it knows of: its own, those in the registers within reach,

@@ -1,8 +1,8 @@
 """The rule `tswap` without rounds.
 
-Room: agents. `tswap` has the source, and the rule with rounds. Here goals are registers at places:
-a vehicle that is started again takes up what is in its register, and a goal goes from one register
-to another in one commit, so no goal is ever lost or doubled, however late anything is seen.
+`tswap` has the source, and the rule with rounds. Here goals are registers at places: a vehicle that
+is started again takes up what is in its register, and a goal goes from one register to another in
+one commit, so no goal is ever lost or doubled, however late anything is seen.
 
 A vehicle away from its goal g has a *want*, a vertex nearer to g. Every change of its place, goal
 or want begins a new *stint*, numbered in its register. What a vehicle does depends on its own

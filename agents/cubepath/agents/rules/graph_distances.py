@@ -1,7 +1,6 @@
 """Distances on the static graph, for the rules of vehicles.
 
-Room: agents. All vehicles in a process share a graph, so each result is computed once for all of
-them.
+All vehicles in a process share a graph, so each result is computed once for all of them.
 """
 
 from __future__ import annotations

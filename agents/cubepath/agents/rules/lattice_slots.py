@@ -1,7 +1,7 @@
 """The moves of a module and the cells that it senses, by slot, where they are the same everywhere.
 
-Room: agents. In a system with a catalogue both are translated along with the module, so what a rule
-asks of a slot can be tabled once for each orbit of cells.
+In a system with a catalogue both are translated along with the module, so what a rule asks of a
+slot can be tabled once for each orbit of cells.
 """
 
 from __future__ import annotations

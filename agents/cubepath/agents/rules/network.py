@@ -1,8 +1,8 @@
 """Networks that were learned, as rules: layer by layer in numpy, with or without chance.
 
-Room: agents. This file reads networks and writes none: `check_rule` counts them as a part of the
-rule, as it does its source. A file of one is ``.npz`` without pickles: ``format``, ``observation``,
-and of each layer ``weight_i``, of shape (inputs, outputs), ``bias_i`` and ``activation_i``.
+This file reads networks and writes none: `check_rule` counts them as a part of the rule, as it does
+its source. A file of one is ``.npz`` without pickles: ``format``, ``observation``, and of each
+layer ``weight_i``, of shape (inputs, outputs), ``bias_i`` and ``activation_i``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The rule `pibt`: labelled vehicles go to their own goals; stronger ones push weaker ones aside.
 
-Room: agents. Source: Okumura, Machida, Defago and Tamura, Priority inheritance with backtracking
-for iterative multi-agent path finding (PIBT); made local, and for rounds in which no vehicle enters
-a vertex that another leaves. In such rounds, inheritance reserves: the pushed vehicle goes first,
-and the pusher waits.
+Source: Okumura, Machida, Defago and Tamura, Priority inheritance with backtracking for iterative
+multi-agent path finding (PIBT); made local, and for rounds in which no vehicle enters a vertex that
+another leaves. In such rounds, inheritance reserves: the pushed vehicle goes first, and the pusher
+waits.
 
 *Priority.* A vehicle is stronger the longer it has been away from its goal; ties go to the smaller
 number. Its key is the round in which it was last at its goal, and its number: smaller is stronger.

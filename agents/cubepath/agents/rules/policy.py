@@ -1,6 +1,6 @@
 """Policies as rules: a function of what PettingZoo gives an agent acts for a module.
 
-Room: agents. A policy that takes many rows at once has the vectorised form too.
+A policy that takes many rows at once has the vectorised form too.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The rule of a module that chooses again what it chose in a run on record.
 
-Room: agents. From birth a module knows what it chose itself, round by round, and nothing of what
-others chose. In each round it finds its move among its admissible ones and claims it; where it was
-not admissible, or the module stood elsewhere, it stays and says why.
+From birth a module knows what it chose itself, round by round, and nothing of what others chose. In
+each round it finds its move among its admissible ones and claims it; where it was not admissible,
+or the module stood elsewhere, it stays and says why.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The rules by name, of the project and of other distributions.
-
-Room: agents.
-"""
+"""The rules by name, of the project and of other distributions."""
 
 from __future__ import annotations
 

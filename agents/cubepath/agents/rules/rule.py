@@ -1,7 +1,7 @@
 """Rules: plain functions from a view to a choice, each made for one module at its birth.
 
-Room: agents. Third parties add rules under the entry point group ``cubepath.rules``: each entry
-names a `RuleType`.
+Third parties add rules under the entry point group ``cubepath.rules``: each entry names a
+`RuleType`.
 """
 
 from __future__ import annotations

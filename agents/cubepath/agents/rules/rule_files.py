@@ -1,7 +1,4 @@
-"""Rules from files of the user: ``FILE.py:NAME``, where NAME is a `RuleType`.
-
-Room: agents.
-"""
+"""Rules from files of the user: ``FILE.py:NAME``, where NAME is a `RuleType`."""
 
 from __future__ import annotations
 

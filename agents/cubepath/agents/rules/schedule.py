@@ -1,9 +1,9 @@
 """The rule of a module that executes its part of a schedule: its own moves, each in its round.
 
-Room: agents. From birth a module knows the moves of which it is the mover, by round, and no others.
-In the round of such a move it finds the move among its admissible ones and claims it; the moves of
-a cube commute, so every claim is granted. If the move is not admissible, the module stays and says
-why, from what it senses, so that no further round of the schedule begins.
+From birth a module knows the moves of which it is the mover, by round, and no others. In the round
+of such a move it finds the move among its admissible ones and claims it; the moves of a cube
+commute, so every claim is granted. If the move is not admissible, the module stays and says why,
+from what it senses, so that no further round of the schedule begins.
 """
 
 from __future__ import annotations

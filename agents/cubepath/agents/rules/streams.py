@@ -1,7 +1,7 @@
 """The random streams of modules, which tell nothing of the seed that they come from.
 
-Room: agents. numpy keeps with a generator the seed sequence that it was made from: the seed of the
-run, from which the streams of all other modules follow. A rule is given a generator without it.
+numpy keeps with a generator the seed sequence that it was made from: the seed of the run, from
+which the streams of all other modules follow. A rule is given a generator without it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The rule `tswap`: unlabelled vehicles exchange goals among neighbours until every goal is taken.
 
-Room: agents. Source: Okumura and Defago, Solving simultaneous target assignment and path planning
-efficiently with time-independent execution (TSWAP); made local, and for rounds in which no vehicle
-enters a vertex that another leaves.
+Source: Okumura and Defago, Solving simultaneous target assignment and path planning efficiently
+with time-independent execution (TSWAP); made local, and for rounds in which no vehicle enters a
+vertex that another leaves.
 
 A vehicle has a goal and, while it is away from it, one wanted neighbour: a vertex nearer to the
 goal. Its note says the goal and the want, so in every round all vehicles within distance two of one

@@ -1,7 +1,7 @@
 """The actors of all modules of many environments at once, for rules that have a vectorised form.
 
-Room: agents. `VectorActors` does in arrays what an `Actor` does for one module: it asks the rule,
-checks what it chose, and hesitates. The same seeds give the same choices.
+`VectorActors` does in arrays what an `Actor` does for one module: it asks the rule, checks what it
+chose, and hesitates. The same seeds give the same choices.
 """
 
 from __future__ import annotations

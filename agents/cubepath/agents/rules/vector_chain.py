@@ -1,8 +1,8 @@
 """The rule `chain` for all modules of many environments at once.
 
-Room: agents. `chain` has the rule, its words, and why it reaches the goal; `chain_task` has the
-same geometry for one module. What is asked of moves and of sensed cells depends on their slots
-alone, so it is tabled. Which task a module has shows in its first view, so that is kept.
+`chain` has the rule, its words, and why it reaches the goal; `chain_task` has the same geometry for
+one module. What is asked of moves and of sensed cells depends on their slots alone, so it is
+tabled. Which task a module has shows in its first view, so that is kept.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The rule `random` for all modules of many environments at once.
 
-Room: agents. `uniform` has the rule.
+`uniform` has the rule.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The vectorised form of a rule: one function that chooses for all modules of many environments.
 
-Room: agents. It says in arrays what `rule` says for one module. The environments have one scene and
-a seed each; E is their number, n that of the modules.
+It says in arrays what `rule` says for one module. The environments have one scene and a seed each;
+E is their number, n that of the modules.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The rule `word` for all segments of many arms at once.
 
-Room: agents. `word` has the rule, and why it reaches the goal. A move changes the height of its
-mover by a number that depends on its slot and on the axis of the edge alone.
+`word` has the rule, and why it reaches the goal. A move changes the height of its mover by a number
+that depends on its slot and on the axis of the edge alone.
 """
 
 from __future__ import annotations

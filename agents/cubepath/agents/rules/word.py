@@ -1,6 +1,6 @@
 """The arm rule `word`: segments turn until the arm spells the goal word.
 
-Room: agents. Source: own, from the lattice of height functions of a positive arm.
+Source: own, from the lattice of height functions of a positive arm.
 
 Let h(i) be the number of x among the first i letters: the x-coordinate of the vertex after segment
 i, which segment i knows from its own place. Turning the corner after segment i, or rotating the

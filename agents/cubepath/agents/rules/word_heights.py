@@ -1,6 +1,6 @@
 """Heights of segments, of which the rule `word` speaks.
 
-Room: agents. The docstring of `word` has what a height is.
+The docstring of `word` has what a height is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What was heard and waits to be written: a bounded queue of zenoh's, and what is taken from it.
 
-Room: coordinator. The queue is filled without Python, whose threads would otherwise take turns at
-every message; who fills a full one waits, so publishers that block are held up by the link.
+The queue is filled without Python, whose threads would otherwise take turns at every message; who
+fills a full one waits, so publishers that block are held up by the link.
 """
 
 from __future__ import annotations

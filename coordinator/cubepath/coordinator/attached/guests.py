@@ -1,6 +1,6 @@
 """Where a guest of a run can listen, and by what it shows who it is.
 
-Room: coordinator. Who records a run and who watches it attach in the same way.
+Who records a run and who watches it attach in the same way.
 """
 
 from __future__ import annotations

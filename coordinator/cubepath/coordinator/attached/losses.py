@@ -1,8 +1,8 @@
 """Which messages of a run did not come, by the numbers that their senders give them.
 
-Room: coordinator. With rounds, a process says with `ready` how many messages it has said to each
-region; without rounds, senders number what they say. Whoever publishes with a `SourceInfo` of zenoh
-numbers its messages as well. What comes late after all is no longer missing.
+With rounds, a process says with `ready` how many messages it has said to each region; without
+rounds, senders number what they say. Whoever publishes with a `SourceInfo` of zenoh numbers its
+messages as well. What comes late after all is no longer missing.
 """
 
 from __future__ import annotations

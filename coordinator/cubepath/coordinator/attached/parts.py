@@ -1,6 +1,6 @@
 """The files of a recorder: one, or one after another when each has its size or its time.
 
-Room: coordinator. Each is a recording by itself, closed before the next is begun.
+Each is a recording by itself, closed before the next is begun.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A recorder: it attaches to a live run, writes what it hears, and leaves.
 
-Room: coordinator. Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run
-is not touched: who records is a guest, and a router waits for a guest that does not read for a
-second, and then cuts it off. It comes back by itself, and what it missed is counted.
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: who
+records is a guest, and a router waits for a guest that does not read for a second, and then cuts it
+off. It comes back by itself, and what it missed is counted.
 """
 
 from __future__ import annotations

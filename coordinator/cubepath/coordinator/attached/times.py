@@ -1,7 +1,7 @@
 """The log times of messages that were heard, and which of them came before.
 
-Room: coordinator. Log times are those of the run's own recording: the round, the greatest level so
-far, or the wall clock.
+Log times are those of the run's own recording: the round, the greatest level so far, or the wall
+clock.
 """
 
 from __future__ import annotations

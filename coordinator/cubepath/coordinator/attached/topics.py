@@ -1,6 +1,6 @@
 """Which messages of a run are recorded, and under which topic.
 
-Room: coordinator. A topic is KIND/SENDER, as in the recording of the run itself.
+A topic is KIND/SENDER, as in the recording of the run itself.
 """
 
 from __future__ import annotations

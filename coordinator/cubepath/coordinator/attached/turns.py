@@ -1,8 +1,8 @@
 """What was heard of a run with rounds, in an order in which the coordinator can have heard it.
 
-Room: coordinator. A router keeps the order of each who speaks, not that between them: what a
-process has answered may come after what the coordinator says next because of it, or before what
-the process was asked. Then one waits for the other, for a short while. Touches no network.
+A router keeps the order of each who speaks, not that between them: what a process has answered may
+come after what the coordinator says next because of it, or before what the process was asked. Then
+one waits for the other, for a short while. Touches no network.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The last seconds of what was heard, bounded: the oldest go first.
 
-Room: coordinator. Touches no file and no network.
+It touches no file and no network.
 """
 
 from __future__ import annotations

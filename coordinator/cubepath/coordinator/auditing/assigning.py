@@ -1,8 +1,7 @@
 """Which module has to make which move of a schedule, derived from where modules stand.
 
-Room: coordinator. A run assigns all moves before it begins; here each round is looked at by itself.
-Both are the same as long as every cube before was carried out, and after a cube that was not the
-schedule is over.
+A run assigns all moves before it begins; here each round is looked at by itself. Both are the same
+as long as every cube before was carried out, and after a cube that was not the schedule is over.
 """
 
 from __future__ import annotations

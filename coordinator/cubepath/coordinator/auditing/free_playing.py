@@ -1,8 +1,7 @@
 """Playing the rules of a run without rounds again, each module turn by turn.
 
-Room: coordinator. Each module gets an `Actor` of its own, and a new one whenever its process began
-anew, as in a run; it is given the observation that verification derives from the versions that the
-turn names.
+Each module gets an `Actor` of its own, and a new one whenever its process began anew, as in a run;
+it is given the observation that verification derives from the versions that the turn names.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Playing the rules of a recording again: notes, choices, hesitation, and who gave up.
 
-Room: coordinator. Each module gets an `Actor` of its own, as in a run, with the random streams of
-the recorded seed. It is given the observation that verification derives, with the notes on record,
-so that a note that was changed is named once, and where it was said.
+Each module gets an `Actor` of its own, as in a run, with the random streams of the recorded seed.
+It is given the observation that verification derives, with the notes on record, so that a note that
+was changed is named once, and where it was said.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Auditing: a recording verified, with the rules of its modules asked again.
-
-Room: coordinator.
-"""
+"""Auditing: a recording verified, with the rules of its modules asked again."""
 
 from __future__ import annotations
 

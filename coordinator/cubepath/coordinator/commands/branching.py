@@ -1,7 +1,4 @@
-"""`cubepath replay LOG --what-if RULE --from ROUND`, and `cubepath replay LOG --live MODULES`.
-
-Room: coordinator.
-"""
+"""`cubepath replay LOG --what-if RULE --from ROUND`, and `cubepath replay LOG --live MODULES`."""
 
 from __future__ import annotations
 

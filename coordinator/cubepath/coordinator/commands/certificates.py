@@ -1,7 +1,4 @@
-"""The certificates and timetables of ``cubepath shorten``, and how ``cubepath verify`` checks them.
-
-Room: coordinator.
-"""
+"""Certificates and timetables of ``cubepath shorten``, and how ``cubepath verify`` checks them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The command that checks whether a rule is local: ``cubepath check-rule``.
-
-Room: coordinator.
-"""
+"""The command that checks whether a rule is local: ``cubepath check-rule``."""
 
 from __future__ import annotations
 

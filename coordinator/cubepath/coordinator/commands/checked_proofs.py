@@ -1,7 +1,4 @@
-"""What ``cubepath verify FILE.proof`` tells of a proof, and writes of it for other checkers.
-
-Room: coordinator.
-"""
+"""What ``cubepath verify FILE.proof`` tells of a proof, and writes of it for other checkers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """`cubepath verify A B --same` and `--homotopic`: whether two paths are equal.
 
-Room: coordinator. A path is a recording, of a run with rounds or without, or whatever `shorten`
-takes.
+A path is a recording, of a run with rounds or without, or whatever `shorten` takes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Recordings in, recordings out: ``cubepath filter``, ``cubepath split`` and ``cubepath merge``.
-
-Room: coordinator.
-"""
+"""Recordings in, recordings out: ``cubepath filter``, ``cubepath split`` and ``cubepath merge``."""
 
 from __future__ import annotations
 

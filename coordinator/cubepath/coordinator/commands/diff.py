@@ -1,7 +1,4 @@
-"""`cubepath diff A B`: where two runs part, and why.
-
-Room: coordinator.
-"""
+"""`cubepath diff A B`: where two runs part, and why."""
 
 from __future__ import annotations
 

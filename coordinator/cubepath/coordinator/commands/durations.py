@@ -1,7 +1,4 @@
-"""The options that say how long moves take: ``--durations`` and ``--duration``.
-
-Room: coordinator.
-"""
+"""The options that say how long moves take: ``--durations`` and ``--duration``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Where the command ``cubepath`` begins: before anything is imported that takes time.
-
-Room: coordinator.
-"""
+"""Where the command ``cubepath`` begins: before anything is imported that takes time."""
 
 import os
 import signal

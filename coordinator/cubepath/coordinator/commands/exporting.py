@@ -1,7 +1,4 @@
-"""Recordings for other tools: ``cubepath export``.
-
-Room: coordinator.
-"""
+"""Recordings for other tools: ``cubepath export``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The files that a command names: the meaning of `-`, and that no output overwrites an input.
 
-Room: coordinator. Everything is checked before the work begins, which may take long.
+Everything is checked before the work begins, which may take long.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""``cubepath shorten --following``: plans whose vehicles may follow, and how they are verified.
-
-Room: coordinator.
-"""
+"""``cubepath shorten --following``: plans whose vehicles may follow, and how they are verified."""
 
 from __future__ import annotations
 

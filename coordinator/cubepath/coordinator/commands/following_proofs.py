@@ -1,7 +1,4 @@
-"""Proofs about vehicles that may follow: ``--following RULE --proof FILE``, and ``verify`` of it.
-
-Room: coordinator.
-"""
+"""Proofs about following vehicles: ``--following RULE --proof FILE``, and ``verify`` of it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
 
-Room: coordinator. Standard output carries the answer, standard error everything else. Exit codes: 0
-done, 1 a check failed, memory or a disk was full, or the answer could not be written, 2 bad input
-or usage, 130 interrupted with the recording closed, 141 the reader of the answer closed the pipe.
+Standard output carries the answer, standard error everything else. Exit codes: 0 done, 1 a check
+failed, memory or a disk was full, or the answer could not be written, 2 bad input or usage, 130
+interrupted with the recording closed, 141 the reader of the answer closed the pipe.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The command that begins a distribution with a rule or a system: ``cubepath new``.
 
-Room: coordinator. What it writes are the files in ``templates``, with the name filled in.
+What it writes are the files in ``templates``, with the name filled in.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""``cubepath verify FILE.proof``: what a proof of optimality proves, checked from the moves on.
-
-Room: coordinator.
-"""
+"""``cubepath verify FILE.proof``: what a proof of optimality proves, checked from the moves on."""
 
 from __future__ import annotations
 

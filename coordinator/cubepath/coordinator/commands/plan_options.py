@@ -1,7 +1,4 @@
-"""The options for plans of other programs: their format, and the files that belong to them.
-
-Room: coordinator.
-"""
+"""The options for plans of other programs: their format, and the files that belong to them."""
 
 from __future__ import annotations
 

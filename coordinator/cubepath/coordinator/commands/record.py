@@ -1,7 +1,4 @@
-"""The command that records a live run from outside: ``cubepath record``.
-
-Room: coordinator.
-"""
+"""The command that records a live run from outside: ``cubepath record``."""
 
 from __future__ import annotations
 

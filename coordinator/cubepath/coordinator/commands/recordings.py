@@ -1,7 +1,4 @@
-"""The commands on recordings: ``cubepath verify`` and ``cubepath info``.
-
-Room: coordinator.
-"""
+"""The commands on recordings: ``cubepath verify`` and ``cubepath info``."""
 
 from __future__ import annotations
 

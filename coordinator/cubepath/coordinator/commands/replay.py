@@ -1,7 +1,4 @@
-"""The command ``cubepath replay``: a recording back on zenoh, as fast as it goes or under control.
-
-Room: coordinator.
-"""
+"""The command ``cubepath replay``: a recording back on zenoh, at full speed or under control."""
 
 from __future__ import annotations
 

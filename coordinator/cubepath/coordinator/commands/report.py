@@ -1,7 +1,4 @@
-"""The command that tells what came of a sweep: ``cubepath report``.
-
-Room: coordinator.
-"""
+"""The command that tells what came of a sweep: ``cubepath report``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The commands that run modules: ``cubepath run``, ``router`` and ``join``.
-
-Room: coordinator.
-"""
+"""The commands that run modules: ``cubepath run``, ``router`` and ``join``."""
 
 from __future__ import annotations
 

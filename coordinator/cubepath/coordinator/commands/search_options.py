@@ -1,7 +1,4 @@
-"""The options of ``cubepath shorten`` that look beyond the homotopy class, and their answers.
-
-Room: coordinator.
-"""
+"""The options of ``cubepath shorten`` that look beyond the homotopy class, and their answers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The command that makes certificates for secure runs: ``cubepath certificates``.
-
-Room: coordinator.
-"""
+"""The command that makes certificates for secure runs: ``cubepath certificates``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The command that simulates runs under faults: ``cubepath simulate``.
-
-Room: coordinator.
-"""
+"""The command that simulates runs under faults: ``cubepath simulate``."""
 
 from __future__ import annotations
 

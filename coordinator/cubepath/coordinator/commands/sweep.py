@@ -1,7 +1,4 @@
-"""The command that plays many runs and keeps what comes of them: ``cubepath sweep``.
-
-Room: coordinator.
-"""
+"""The command that plays many runs and keeps what comes of them: ``cubepath sweep``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Parsing the command line: help and usage errors.
 
-Room: coordinator. Every usage error is one line that says where to find help, and ends the command
-with exit code 2.
+Every usage error is one line that says where to find help, and ends the command with exit code 2.
 """
 
 from __future__ import annotations

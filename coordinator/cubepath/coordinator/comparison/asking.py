@@ -1,6 +1,6 @@
 """Whether what is asked of a comparison is of use for the two that are compared.
 
-Room: coordinator. What would be passed over is refused in one line.
+What would be passed over is refused in one line.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What comparing two runs finds: as data, in one line, and in words for people.
-
-Room: coordinator.
-"""
+"""What comparing two runs finds: as data, in one line, and in words for people."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Comparing two runs: what differs first, and why.
 
-Room: coordinator. Recordings of runs with rounds are gone through round by round; of runs without
-rounds what follows from versions is compared; of anything else, and of a run with rounds and one
-without, the moves are.
+Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
+from versions is compared; of anything else, and of a run with rounds and one without, the moves
+are.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What two runs have to do with each other, before any of their messages is compared.
 
-Room: coordinator. Of systems of two families nothing fits together: neither places nor modules nor
-moves. One run can also be the outcome of a what-if of the other.
+Of systems of two families nothing fits together: neither places nor modules nor moves. One run can
+also be the outcome of a what-if of the other.
 """
 
 from __future__ import annotations

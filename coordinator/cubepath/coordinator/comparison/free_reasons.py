@@ -1,7 +1,6 @@
 """Why a commit differs between two runs without rounds: what its module was shown, by versions.
 
-Room: coordinator. The rule is asked again turn by turn, as in an audit, up to the turn that led to
-the commit.
+The rule is asked again turn by turn, as in an audit, up to the turn that led to the commit.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A run without rounds as its versions tell it: commits with what they depend on, and turns.
 
-Room: coordinator. Of what was said only commits, turns and births are kept. Which commit depends on
-which follows from the versions that they name, never from the order of arrival.
+Of what was said only commits, turns and births are kept. Which commit depends on which follows from
+the versions that they name, never from the order of arrival.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Two edge paths as a whole: equal in the same rounds, up to swapping, up to cancelling.
-
-Room: coordinator.
-"""
+"""Two edge paths as a whole: equal in the same rounds, up to swapping, up to cancelling."""
 
 from __future__ import annotations
 

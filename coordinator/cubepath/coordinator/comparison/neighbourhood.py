@@ -1,6 +1,6 @@
 """What a module senses, drawn as text: the cells around it and who stands on them.
 
-Room: coordinator. Only of systems whose places are cells of the plane.
+Only of systems whose places are cells of the plane.
 """
 
 from __future__ import annotations

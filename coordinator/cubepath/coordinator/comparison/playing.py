@@ -1,8 +1,8 @@
 """One module's rule asked again, with every number that it drew.
 
-Room: coordinator. As `auditing` does for all modules: an actor with the random streams of the seed
-is given what the module observed, round by round. Here one module is played, with the rule, the
-seed and the hesitation of either run, so that it can be told what made it choose otherwise.
+As `auditing` does for all modules: an actor with the random streams of the seed is given what the
+module observed, round by round. Here one module is played, with the rule, the seed and the
+hesitation of either run, so that it can be told what made it choose otherwise.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The rounds of a recording one after another, in the order of the run.
 
-Room: coordinator. Messages stand in the order of arrival, and in batches as modules were dealt out
-to processes; a round holds what each module said in it, once, whoever carried it.
+Messages stand in the order of arrival, and in batches as modules were dealt out to processes; a
+round holds what each module said in it, once, whoever carried it.
 """
 
 from __future__ import annotations

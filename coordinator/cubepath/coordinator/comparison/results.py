@@ -1,6 +1,6 @@
 """What comparing two runs finds, as data.
 
-Room: coordinator. Whatever has two sides has them as `a` and `b`, in the order of the arguments.
+Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """
 
 from __future__ import annotations

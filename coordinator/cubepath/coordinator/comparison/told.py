@@ -1,7 +1,4 @@
-"""The answer of a comparison in words, from what differs on the whole down to one choice.
-
-Room: coordinator.
-"""
+"""The answer of a comparison in words, from what differs on the whole down to one choice."""
 
 from __future__ import annotations
 

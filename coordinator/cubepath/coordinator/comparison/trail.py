@@ -1,7 +1,7 @@
 """What one module sensed, was told and did in each round, derived from the record of a run.
 
-Room: coordinator. The rules that are asked again on the way are given the observations that
-`verification` derives, as in an audit.
+The rules that are asked again on the way are given the observations that `verification` derives, as
+in an audit.
 """
 
 from __future__ import annotations

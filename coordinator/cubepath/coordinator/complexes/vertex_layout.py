@@ -1,10 +1,10 @@
 """Where the vertices of a small complex are drawn, so that its cubes look like cubes.
 
-Room: coordinator. Positions begin with classical scaling of the distances in the transition graph
-(Torgerson, 1952), and are then moved until each cube that is in no larger one is, as nearly as the
-complex allows it, a unit cube: by shape matching (Müller et al., "Meshless deformations based on
-shape matching", 2005), held apart by stress majorization (Gansner et al., "Graph drawing by stress
-majorization", 2004). Nothing is random, so the same complex gives the same picture.
+Positions begin with classical scaling of the distances in the transition graph (Torgerson, 1952),
+and are then moved until each cube that is in no larger one is, as nearly as the complex allows it,
+a unit cube: by shape matching (Müller et al., "Meshless deformations based on shape matching",
+2005), held apart by stress majorization (Gansner et al., "Graph drawing by stress majorization",
+2004). Nothing is random, so the same complex gives the same picture.
 """
 
 from __future__ import annotations

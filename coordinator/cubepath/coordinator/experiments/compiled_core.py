@@ -1,7 +1,7 @@
 """Runs in this process, without messages: with rounds in compiled code, many seeds side by side.
 
-Room: coordinator. These are the runs of `cubepath.agents.play_many` and `play_free`, which the same
-seeds have under the simulator and over the wire.
+These are the runs of `cubepath.agents.play_many` and `play_free`, which the same seeds have under
+the simulator and over the wire.
 """
 
 from __future__ import annotations

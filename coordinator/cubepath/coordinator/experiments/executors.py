@@ -1,8 +1,8 @@
 """Batches handed out to executors, whose processes may die.
 
-Room: coordinator. All that is asked of an executor is what `concurrent.futures.Executor` promises.
-A process that dies takes nothing with it: each run that it may have died of is played once more,
-alone, and has a row with the reason if that ends in the same way.
+All that is asked of an executor is what `concurrent.futures.Executor` promises. A process that dies
+takes nothing with it: each run that it may have died of is played once more, alone, and has a row
+with the reason if that ends in the same way.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Runs with messages, as they were gathered: their paths, lost claims and messages.
-
-Room: coordinator.
-"""
+"""Runs with messages, as they were gathered: their paths, lost claims and messages."""
 
 from __future__ import annotations
 

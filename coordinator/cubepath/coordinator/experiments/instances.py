@@ -1,8 +1,8 @@
 """The standard instances: scenes with the best number of cubes that is known, and what is proved.
 
-Room: coordinator. They stand in the folder `standard` beside this file: `standard.toml` lists them,
-with the value of each; there are scenes as TOML where no spec names them, and for each instance a
-cubes file, the schedule that attains the best known value. tests/standards.py computes all of it.
+They stand in the folder `standard` beside this file: `standard.toml` lists them, with the value of
+each; there are scenes as TOML where no spec names them, and for each instance a cubes file, the
+schedule that attains the best known value. tests/standards.py computes all of it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""From the path of a run to the rows that are kept of it, whichever way it was played.
-
-Room: coordinator.
-"""
+"""From the path of a run to the rows that are kept of it, whichever way it was played."""
 
 from __future__ import annotations
 

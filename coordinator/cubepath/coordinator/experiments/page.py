@@ -1,6 +1,6 @@
 """The page of a report: one HTML file with its tables and plots in it, on light and on dark.
 
-Room: coordinator. Nothing is loaded from anywhere.
+Nothing is loaded from anywhere.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One batch of runs, played in the core that its setting names; what a worker does.
 
-Room: coordinator. Nothing is raised but interrupts: what goes wrong in a run is a row of its own.
-A process that plays may live for long, and files change: what is played is what was asked for.
+Nothing is raised but interrupts: what goes wrong in a run is a row of its own. A process that plays
+may live for long, and files change: what is played is what was asked for.
 """
 
 from __future__ import annotations

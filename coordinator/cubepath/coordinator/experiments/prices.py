@@ -1,8 +1,8 @@
 """What it costs that modules decide for themselves: timing, class and rule, factor by factor.
 
-Room: coordinator. The rounds of a run are at least the cubes of its normal cube path, these at
-least the fewest cubes that its rule ever took there, and these at least the best that is known. So
-rounds over the best known is a product of three factors, each 1 or more.
+The rounds of a run are at least the cubes of its normal cube path, these at least the fewest cubes
+that its rule ever took there, and these at least the best that is known. So rounds over the best
+known is a product of three factors, each 1 or more.
 """
 
 from __future__ import annotations

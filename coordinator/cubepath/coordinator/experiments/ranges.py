@@ -1,6 +1,6 @@
 """Ranges and lists in names: `hex:n=4..12..4,bend=60,120` stands for six systems.
 
-Room: coordinator; touches nothing but errors.
+But errors.
 """
 
 from __future__ import annotations

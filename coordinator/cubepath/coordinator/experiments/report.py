@@ -1,6 +1,6 @@
 """Reports on sweeps: tables, plots and a page, from the rows of a folder.
 
-Room: coordinator. The same rows give the same files, byte for byte.
+The same rows give the same files, byte for byte.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is kept of runs and of their rounds: the columns, and their canonical order.
 
-Room: coordinator; touches nothing. A row is a dict with all keys; None is what is not known.
+A row is a dict with all keys; None is what is not known.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What holds for all runs in a scene: a lower bound, the optimum, how far a state is from the goal.
 
-Room: coordinator. All of it is bounded by counts and never by time, so that it is the same wherever
-it is worked out, and worked out once in a process.
+All of it is bounded by counts and never by time, so that it is the same wherever it is worked out,
+and worked out once in a process.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What is found out of a scene after its runs were played: added to their rows.
-
-Room: coordinator.
-"""
+"""What is found out of a scene after its runs were played: added to their rows."""
 
 from __future__ import annotations
 

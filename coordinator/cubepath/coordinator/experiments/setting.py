@@ -1,7 +1,7 @@
 """One run as data: all that decides what comes of it, its id, and the version of the code.
 
-Room: coordinator. A run's id is a hash of its configuration, of what its files contain and of the
-code, so that a run that is known need not be run again, and any other one is.
+A run's id is a hash of its configuration, of what its files contain and of the code, so that a run
+that is known need not be run again, and any other one is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Runs with messages under the simulator: the nodes of a run on a simulated wire, in virtual time.
 
-Room: coordinator. Faults come at the rates of the setting, drawn from the seed; without them the
-path is that of the same run in compiled code, which the simulator checks.
+Faults come at the rates of the setting, drawn from the seed; without them the path is that of the
+same run in compiled code, which the simulator checks.
 """
 
 from __future__ import annotations

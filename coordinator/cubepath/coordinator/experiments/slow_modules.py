@@ -1,7 +1,4 @@
-"""Which modules are slow in a run: the same ones under every rule, clock and core.
-
-Room: coordinator.
-"""
+"""Which modules are slow in a run: the same ones under every rule, clock and core."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a rule from elsewhere follows from: its files, and what it has learned.
-
-Room: coordinator.
-"""
+"""What a rule from elsewhere follows from: its files, and what it has learned."""
 
 from __future__ import annotations
 

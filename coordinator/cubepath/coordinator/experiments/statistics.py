@@ -1,6 +1,6 @@
 """Intervals and tests for results of experiments: exact where that can be, else by resampling.
 
-Room: coordinator; touches nothing. Resampling is seeded, so the same numbers give the same answer.
+Resampling is seeded, so the same numbers give the same answer.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Sweeps: all runs that are not finished yet are played, and their rows kept as they come.
-
-Room: coordinator.
-"""
+"""Sweeps: all runs that are not finished yet are played, and their rows kept as they come."""
 
 from __future__ import annotations
 

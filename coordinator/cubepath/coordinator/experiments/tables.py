@@ -1,6 +1,6 @@
 """The tables of a report: runs by setting, rules in pairs on equal seeds, growth with the size.
 
-Room: coordinator. A table is its columns and rows of values, for pages, terminals and machines.
+A table is its columns and rows of values, for pages, terminals and machines.
 """
 
 from __future__ import annotations

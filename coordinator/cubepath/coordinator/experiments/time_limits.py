@@ -1,7 +1,7 @@
 """The time that a run may take, in a worker.
 
-Room: coordinator. Time is that of the machine, and decides about nothing but whether there is a
-result: a run that is over its limit is a row with that reason.
+Time is that of the machine, and decides about nothing but whether there is a result: a run that is
+over its limit is a row with that reason.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What is compiled once for an installation, compiled in two processes side by side.
 
-Room: coordinator. Left to themselves, all workers would wait for the same compilation, each for its
-own. What they compile is kept on disk, where the others find it.
+Left to themselves, all workers would wait for the same compilation, each for its own. What they
+compile is kept on disk, where the others find it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Runs over the wire: real processes, real messages, a recording.
-
-Room: coordinator.
-"""
+"""Runs over the wire: real processes, real messages, a recording."""
 
 from __future__ import annotations
 

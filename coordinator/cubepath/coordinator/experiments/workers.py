@@ -1,7 +1,4 @@
-"""Workers: processes on the cores of this machine, or those of a dask cluster.
-
-Room: coordinator.
-"""
+"""Workers: processes on the cores of this machine, or those of a dask cluster."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Exporting a recording: which form a file has, and what is written.
-
-Room: coordinator.
-"""
+"""Exporting a recording: which form a file has, and what is written."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Tables written as CSV, Parquet, JSON and JSON Lines.
 
-Room: coordinator. Sites are JSON in CSV and Parquet, `[0,1]`, and lists in JSON.
+Sites are JSON in CSV and Parquet, `[0,1]`, and lists in JSON.
 """
 
 from __future__ import annotations

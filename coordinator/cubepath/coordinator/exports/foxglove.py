@@ -1,6 +1,6 @@
 """The robot in messages of Foxglove: a scene, transforms and poses, as protobuf.
 
-Room: coordinator. The library is an extra, and is imported when something is encoded.
+The library is an extra, and is imported when something is encoded.
 
 Each message holds all modules, so that a viewer that jumps to any time shows them all: viewers take
 the last message of a topic before that time, and no other.

@@ -1,6 +1,6 @@
 """The robot as entities of rerun, in a .rrd file.
 
-Room: coordinator. The library is an extra, and is imported when something is written.
+The library is an extra, and is imported when something is written.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The tables of a recording, some rows at a time, so that memory does not grow with the recording.
 
-Room: coordinator. What a row is, `Recording.moves` and `Recording.claims` say: here these are asked
-for the rounds that are complete, over and over. Without rounds a commit may be told again at the
-very end, so there the moves and claims of a run are taken at once.
+What a row is, `Recording.moves` and `Recording.claims` say: here these are asked for the rounds
+that are complete, over and over. Without rounds a commit may be told again at the very end, so
+there the moves and claims of a run are taken at once.
 """
 
 from __future__ import annotations

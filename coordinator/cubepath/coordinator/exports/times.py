@@ -1,7 +1,4 @@
-"""Log times for the time lines of other tools: rounds that last some time, or the wall clock.
-
-Room: coordinator.
-"""
+"""Log times for the time lines of other tools: rounds that last some time, or the wall clock."""
 
 from __future__ import annotations
 

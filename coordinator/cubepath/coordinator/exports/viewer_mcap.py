@@ -1,6 +1,6 @@
 """Recordings as MCAP files for other tools: with log times that a time line can show, and in 3-D.
 
-Room: coordinator. Such a file is for viewers: it is no recording, and no command reads it.
+Such a file is for viewers: it is no recording, and no command reads it.
 """
 
 from __future__ import annotations

@@ -13,8 +13,6 @@ its start in t rounds, and from where it can reach its goal in those that are le
 - Where many can be at a vertex there is a ladder: one of the vehicles up to some number is there.
 
 A vehicle may stay, so a timetable of fewer rounds satisfies them as well.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Timetables as files: what `cubepath shorten --following RULE -o FILE` writes.
 
 They are checked by code that shares nothing with what computed them before anybody is told.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

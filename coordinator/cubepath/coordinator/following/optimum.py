@@ -5,7 +5,7 @@ and one more, until the answer is a timetable: a shortest one. That fewer are no
 by the log of the solver, which `proofs` puts into a file. Where that is too long to be checked, a
 solver of another family is asked, and what both say is called agreed, not proved.
 
-Room: coordinator; touches processes, and temporary files for logs.
+It touches processes, and temporary files for logs.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The proof that no timetable in which vehicles follow is shorter, as a file.
 
-Room: coordinator; touches nothing but the log of a solver, which it reads.
+But the log of a solver, which it reads.
 """
 
 from __future__ import annotations

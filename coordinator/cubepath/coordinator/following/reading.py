@@ -1,6 +1,6 @@
 """Reading plans of vehicles with the planner's rounds.
 
-Room: coordinator; touches only the files it is given.
+It touches only the files it is given.
 """
 
 from __future__ import annotations

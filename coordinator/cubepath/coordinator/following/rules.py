@@ -8,8 +8,6 @@ which the other leaves; otherwise it begins when the other has left. Where all m
 
 For unit squares that move at a constant pace the rule of CG:SHOP is what their bodies allow: two of
 them on a line do not overlap if and only if the one behind neither begins nor arrives earlier.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

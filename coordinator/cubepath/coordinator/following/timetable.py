@@ -18,7 +18,7 @@ these moves in this order.
 These moves do not commute. So there are no cubes here, no homotopy classes, and the timetable is
 the least for this order of visits alone.
 
-Room: coordinator; touches nothing. It knows neither the heap nor the normal form.
+It knows neither the heap nor the normal form.
 """
 
 from __future__ import annotations

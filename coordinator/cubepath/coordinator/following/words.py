@@ -1,7 +1,4 @@
-"""The chain of moves that proves a timetable the least, in words.
-
-Room: coordinator; touches nothing.
-"""
+"""The chain of moves that proves a timetable the least, in words."""
 
 from __future__ import annotations
 

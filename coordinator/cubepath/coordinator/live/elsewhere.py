@@ -1,6 +1,6 @@
 """A run elsewhere as a page: what it tells whoever may listen, step by step.
 
-Room: coordinator. Who watches is a guest of the run's router; the run is not touched.
+Who watches is a guest of the run's router; the run is not touched.
 """
 
 from __future__ import annotations

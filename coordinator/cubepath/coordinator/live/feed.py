@@ -1,8 +1,8 @@
 """What a page is fed while a run goes on: events, in the order in which they are to be taken.
 
-Room: coordinator. Whoever has steps hands them over and goes on; a thread of the feed makes events
-of them, once for all who watch, and takes a small share of the time for that. `docs/viewing.md` has
-the events' fields.
+Whoever has steps hands them over and goes on; a thread of the feed makes events of them, once for
+all who watch, and takes a small share of the time for that. `docs/viewing.md` has the events'
+fields.
 """
 
 from __future__ import annotations

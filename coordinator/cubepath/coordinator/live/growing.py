@@ -1,7 +1,4 @@
-"""A world whose sites and moves become more while a run goes on, and what is new of it.
-
-Room: coordinator.
-"""
+"""A world whose sites and moves become more while a run goes on, and what is new of it."""
 
 from __future__ import annotations
 

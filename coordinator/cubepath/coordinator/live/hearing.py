@@ -1,7 +1,7 @@
 """What modules say while a run goes on, step by step: claims with their outcomes, and deliveries.
 
-Room: coordinator. A message may come after the step that it belongs to; then the step is told
-again. What strangers say at an open router, and what cannot be, is passed over.
+A message may come after the step that it belongs to; then the step is told again. What strangers
+say at an open router, and what cannot be, is passed over.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The levels of a run without rounds, from moves in any order in which they could have been made.
-
-Room: coordinator; touches nothing.
-"""
+"""The levels of a run without rounds, from moves in any order that they allow."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The pace of a run that is watched: paused, step by step, or so many rounds a second.
 
-Room: coordinator; touches nothing. Orders come in other threads than that of the run, which asks
-between two rounds how long it is to wait yet.
+Orders come in other threads than that of the run, which asks between two rounds how long it is to
+wait yet.
 """
 
 from __future__ import annotations

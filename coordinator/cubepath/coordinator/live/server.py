@@ -2,7 +2,7 @@
 
 Who knows the token in its address may watch, and tell the run to pause. Requests that name another
 host, or that another site's page makes, are refused: a name that is made to point here, and a page
-that guesses, reach nothing. Room: coordinator; touches nothing of a run.
+that guesses, reach nothing. Of a run.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A run of one's own as a page that is fed while it goes on.
 
-Room: coordinator. It listens to the run and paces it; it takes no part in it.
+It listens to the run and paces it; it takes no part in it.
 """
 
 from __future__ import annotations

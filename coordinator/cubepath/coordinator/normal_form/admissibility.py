@@ -2,8 +2,6 @@
 
 It decides the same as `cubepath.protocol.core.actions.end_at` does on sets. The state may be known
 in part, as in `cubepath.protocol.path_files.moves.read_moves`.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 The heap of pieces of `cubepath.coordinator.normal_form.kernel` behind an interface that grows:
 sites, actions and moves may be added at any time. Sources: as there.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 The heap of pieces gives the pairs of moves that cancel and the cube of each remaining move; a chain
 of dependent moves is found from the last cube down. `cubepath.coordinator.verification.proof`
 explains what the certificate proves, and checks it without trusting this module.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 `FastHeap` has the interface of the reference, `cubepath.coordinator.normal_form.heap.Heap`, and
 numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Sources: as there.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 Source: Abrams and Ghrist, definitions of cube path and normal cube path. Nothing here is shared
 with `cubepath.coordinator.normal_form.heap`: `cubepath verify` compares the two, so each must be
 able to prove the other wrong.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

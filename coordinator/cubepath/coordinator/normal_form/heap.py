@@ -6,8 +6,7 @@ group. Its normal cube path is the Foata normal form of the reduced word. Source
 Ghrist, definition of normal cube path; Cartier and Foata; Viennot, heaps of pieces; Crisp, Godelle
 and Wiest for linear time with cancellation.
 
-Room: coordinator; touches nothing, neither states nor files. The proof is in the docstring of
-`Heap`.
+, neither states nor files. The proof is in the docstring of `Heap`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,6 @@ move; `cubepath.coordinator.normal_form.heap.Heap` has the proof.
 
 *Space.* Four bytes for each site that a piece reads, twelve for each that it writes, eight for the
 piece, and at most four for the size of its level.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

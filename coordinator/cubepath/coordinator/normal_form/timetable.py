@@ -17,8 +17,6 @@ path is reduced, no timetable in the homotopy class is shorter either, whatever 
 every path of the class contains the moves of the reduced one, with those that do not commute in the
 same order (see `cubepath.coordinator.verification.proof`). If every duration is 1, a move begins at
 one less than the number of its cube in the normal cube path.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

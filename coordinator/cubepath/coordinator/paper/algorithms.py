@@ -42,7 +42,7 @@ The star condition of the definition must be read at the vertex between two cube
 cover: see `cubepath.coordinator.normal_form.definitions.is_normal`. Commute does so, by the lemma
 beside it.
 
-Room: coordinator; touches nothing. The paper counts cubes from 1, the code from 0.
+The paper counts cubes from 1, the code from 0.
 """
 
 from __future__ import annotations

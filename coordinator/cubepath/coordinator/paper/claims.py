@@ -1,6 +1,6 @@
 """All claims of the paper together, and computing them one after another.
 
-Room: coordinator; touches only the clock.
+It touches only the clock.
 """
 
 from __future__ import annotations

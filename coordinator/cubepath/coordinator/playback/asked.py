@@ -1,7 +1,7 @@
 """Orders on their way to a player, and the queryable by which they come over zenoh.
 
-Room: coordinator. A query on ``cubepath/RUN/player/NAME`` is the order NAME, its parameters are
-those of the selector. The reply is a `PlayerStatus` as JSON, or as an error reply a `Refusal`.
+A query on ``cubepath/RUN/player/NAME`` is the order NAME, its parameters are those of the selector.
+The reply is a `PlayerStatus` as JSON, or as an error reply a `Refusal`.
 """
 
 from __future__ import annotations

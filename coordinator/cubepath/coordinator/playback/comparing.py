@@ -1,7 +1,4 @@
-"""A replay compared with the record: what was gathered anew is what the coordinator once wrote.
-
-Room: coordinator.
-"""
+"""A replay compared with the record: what was gathered anew is what the coordinator once wrote."""
 
 from __future__ import annotations
 

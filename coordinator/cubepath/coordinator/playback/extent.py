@@ -1,7 +1,4 @@
-"""How much of its run a recording holds, and so what a replay can be compared with.
-
-Room: coordinator.
-"""
+"""How much of its run a recording holds, and so what a replay can be compared with."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The player as a pure machine: time and orders come in as data, what is to be done comes out.
 
-Room: coordinator. It reads the recording, knows no clock and puts nothing: whoever drives it says
-what time it is, and does what it says. So a test plays an hour in no time.
+It reads the recording, knows no clock and puts nothing: whoever drives it says what time it is, and
+does what it says. So a test plays an hour in no time.
 """
 
 from __future__ import annotations

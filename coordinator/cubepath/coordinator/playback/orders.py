@@ -1,6 +1,6 @@
 """What a player is told to do, and what it answers: structs, which are JSON on the wire.
 
-Room: coordinator. Touches nothing. docs/replay.md specifies the keys.
+docs/replay.md specifies the keys.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A player to be held in hand: paused, stepped and moved from Python while others listen.
-
-Room: coordinator.
-"""
+"""A player to be held in hand: paused, stepped and moved from Python while others listen."""
 
 from __future__ import annotations
 

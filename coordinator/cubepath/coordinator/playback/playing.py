@@ -1,7 +1,7 @@
 """The shell around the machine: sessions, a router, the clock, and orders as they come in.
 
-Room: coordinator. Whatever happens comes through one queue, so nothing is done in a callback of
-zenoh, and orders from a keyboard, from Python and from zenoh are taken in their order of arrival.
+Whatever happens comes through one queue, so nothing is done in a callback of zenoh, and orders from
+a keyboard, from Python and from zenoh are taken in their order of arrival.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The messages of a recording by their place: the one at a mark, the next, the first of a round.
 
-Room: coordinator. It reads files a chunk at a time, and keeps the last few chunks. Places are found
-without reading what lies before them: a round by the log times of chunks, a time by halving, as the
-clock of a run goes forward.
+It reads files a chunk at a time, and keeps the last few chunks. Places are found without reading
+what lies before them: a round by the log times of chunks, a time by halving, as the clock of a run
+goes forward.
 """
 
 from __future__ import annotations

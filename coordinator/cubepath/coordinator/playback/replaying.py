@@ -1,8 +1,8 @@
 """Replaying: the recorded bytes go back on zenoh, and a fresh coordinator gathers them again.
 
-Room: coordinator. The messages of module processes go through a router from one session to another,
-under their original keys but a new run id. Without rounds what keepers say is put back too.
-Anything else that is connected to the router receives them as well.
+The messages of module processes go through a router from one session to another, under their
+original keys but a new run id. Without rounds what keepers say is put back too. Anything else that
+is connected to the router receives them as well.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 A recording that begins on the way, or has a hole, is gathered from the first whole round that is
 there: its reports say where modules stood.
-
-Room: coordinator.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Which messages of a recording are played, and on which keys.
-
-Room: coordinator. Touches nothing.
-"""
+"""Which messages of a recording are played, and on which keys."""
 
 from __future__ import annotations
 

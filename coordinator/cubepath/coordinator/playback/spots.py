@@ -1,7 +1,4 @@
-"""Places and speeds as users write them: "12", "3.5s"; "10", "2x", "max".
-
-Room: coordinator. Touches nothing.
-"""
+"""Places and speeds as users write them: "12", "3.5s"; "10", "2x", "max"."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Where modules stand at a place of a recording, as far as what was written before it tells.
 
-Room: coordinator. With rounds that is the end of the last round of which all reports were written,
-and only the chunks with that round are read; in a recording that begins on the way, the state in
-which its first whole round began. Without rounds it is what all commits so far have
-made of the start; snapshots on the way spare reading them again.
+With rounds that is the end of the last round of which all reports were written, and only the chunks
+with that round are read; in a recording that begins on the way, the state in which its first whole
+round began. Without rounds it is what all commits so far have made of the start; snapshots on the
+way spare reading them again.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a run says of itself to whoever comes to listen: its parameters, scene and schedule.
 
-Room: coordinator. A run answers queries on ``cubepath/RUN/about`` with `About` as JSON, before its
-processes join and whatever it is doing, as long as its router is there; and a liveliness token on
-the same key tells whether it still goes on. Whoever may listen may ask.
+A run answers queries on ``cubepath/RUN/about`` with `About` as JSON, before its processes join and
+whatever it is doing, as long as its router is there; and a liveliness token on the same key tells
+whether it still goes on. Whoever may listen may ask.
 """
 
 from __future__ import annotations

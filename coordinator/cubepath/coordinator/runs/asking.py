@@ -1,7 +1,7 @@
 """Asking a run how it stands, over zenoh: whoever may join may ask.
 
-Room: coordinator. A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is
-the status after the last complete round, so it is answered at once whatever the run is doing. On
+A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is the status after
+the last complete round, so it is answered at once whatever the run is doing. On
 ``cubepath/RUN/about`` it says what it is. A run without rounds also answers on
 ``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order in which
 they could have been made.

@@ -1,8 +1,8 @@
 """A node that collects what is said in a run without rounds, and asks for what it lacks.
 
-Room: coordinator. It decides nothing, and nobody waits for it: it may come late, or go and come
-back, as keepers have logged everything that was committed. Other messages are said again as long
-as their senders have them.
+It decides nothing, and nobody waits for it: it may come late, or go and come back, as keepers have
+logged everything that was committed. Other messages are said again as long as their senders have
+them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The commits of one keeper: which of them have come.
-
-Room: coordinator.
-"""
+"""The commits of one keeper: which of them have come."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What a coordinator does with what it hears: it gathers, ends the run, and says what came of it.
 
-Room: coordinator. Pure, like the nodes: it is given messages and gives messages for the record. A
-run over zenoh and one under the simulator have the same conductor.
+Pure, like the nodes: it is given messages and gives messages for the record. A run over zenoh and
+one under the simulator have the same conductor.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The contents of a recording, for people and for machines; nothing in it is checked here.
-
-Room: coordinator.
-"""
+"""The contents of a recording, for people and for machines; nothing in it is checked here."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Films of a run or of its schedule, with one frame for each step.
 
-Room: coordinator. matplotlib is imported when something is drawn. All frames share one table of
-colours, so that a module has the same colour in each.
+matplotlib is imported when something is drawn. All frames share one table of colours, so that a
+module has the same colour in each.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Gathering a run without rounds: from commits of keepers, in any order, to its edge path.
 
-Room: coordinator. A commit says which version of each unit it read and overwrote, and how often
-what it overwrote had been read. So it is released when the units are as it found them: no clock and
-no order of arrival decides, and what was released at any time could have been all that happened.
-The path is ordered by levels, in a level by generator and place: moves of one level commute.
+A commit says which version of each unit it read and overwrote, and how often what it overwrote had
+been read. So it is released when the units are as it found them: no clock and no order of arrival
+decides, and what was released at any time could have been all that happened. The path is ordered by
+levels, in a level by generator and place: moves of one level commute.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A run without rounds: keepers and modules in processes, what they did gathered and on record.
 
-Room: coordinator. It starts the fleet and listens; nothing in the run waits for it. It ends when
-the modules are at their goal, at a level, or when nothing has come of anyone for long.
+It starts the fleet and listens; nothing in the run waits for it. It ends when the modules are at
+their goal, at a level, or when nothing has come of anyone for long.
 """
 
 from __future__ import annotations

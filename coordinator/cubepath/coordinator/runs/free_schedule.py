@@ -1,7 +1,7 @@
 """A schedule for modules without rounds: at which versions each move finds its units.
 
-Room: coordinator. The cubes are followed from the start by counting, so each module is told with
-its own moves how often their units have been written and read before.
+The cubes are followed from the start by counting, so each module is told with its own moves how
+often their units have been written and read before.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Gathering: from the reports of modules, in any order of arrival, to the edge path of a run.
 
-Room: coordinator. A round is released when every module has reported it, so the result depends on
-no clock and no order of arrival; a report that arrives twice counts once. What no module can have
-done, given where all of them stood, is not gathered.
+A round is released when every module has reported it, so the result depends on no clock and no
+order of arrival; a report that arrives twice counts once. What no module can have done, given where
+all of them stood, is not gathered.
 """
 
 from __future__ import annotations

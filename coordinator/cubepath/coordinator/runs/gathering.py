@@ -1,7 +1,4 @@
-"""Gathering a recording again, of a run with rounds or without.
-
-Room: coordinator.
-"""
+"""Gathering a recording again, of a run with rounds or without."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Which messages of a run without rounds have come, by their senders' numbers, and which are lost.
-
-Room: coordinator.
-"""
+"""Which messages of a free run have arrived, by their senders' numbers, and which are lost."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Interrupts as exceptions, raised between two messages and never in the middle of one.
-
-Room: coordinator.
-"""
+"""Interrupts as exceptions, raised between two messages and never in the middle of one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Runs by name or by plan: to the end in one call, or begun and then stepped.
-
-Room: coordinator.
-"""
+"""Runs by name or by plan: to the end in one call, or begun and then stepped."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A run with rounds: modules in processes, paced round by round, gathered and on record.
 
-Room: coordinator. It starts the fleet, paces rounds and listens; it decides nothing for a module.
+It starts the fleet, paces rounds and listens; it decides nothing for a module.
 """
 
 from __future__ import annotations

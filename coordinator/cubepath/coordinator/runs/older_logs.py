@@ -1,9 +1,9 @@
 """Whether the logs of a run's keepers are as late as what else is known of the run.
 
-Room: coordinator. A log without its last records is whole in itself: a crash before they were
-written would have left the same. But a keeper logs first and speaks then, so the logs of other
-keepers, and the recording, tell what a log must have. Numbers of a keeper only grow along its log,
-so it is enough to compare the last ones.
+A log without its last records is whole in itself: a crash before they were written would have left
+the same. But a keeper logs first and speaks then, so the logs of other keepers, and the recording,
+tell what a log must have. Numbers of a keeper only grow along its log, so it is enough to compare
+the last ones.
 """
 
 from __future__ import annotations

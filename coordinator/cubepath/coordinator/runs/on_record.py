@@ -1,7 +1,7 @@
 """What the modules of a recording said and chose, round by round, to be chosen again.
 
-Room: coordinator. Nothing of the recording is taken on trust that the run which repeats it does not
-derive again; here it is only checked that reports and claims fit together.
+Nothing of the recording is taken on trust that the run which repeats it does not derive again; here
+it is only checked that reports and claims fit together.
 """
 
 from __future__ import annotations

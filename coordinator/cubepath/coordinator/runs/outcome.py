@@ -1,7 +1,4 @@
-"""What came of a run.
-
-Room: coordinator.
-"""
+"""What came of a run."""
 
 from __future__ import annotations
 

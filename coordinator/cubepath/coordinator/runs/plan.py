@@ -1,7 +1,4 @@
-"""What to run: a plan, checked; the name of its recording, and what that says of it.
-
-Room: coordinator.
-"""
+"""What to run: a plan, checked; the name of its recording, and what that says of it."""
 
 from __future__ import annotations
 

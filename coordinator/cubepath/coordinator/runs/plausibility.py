@@ -1,10 +1,10 @@
 """Whether what modules say and report can be, given where all of them stand.
 
-Room: coordinator. It knows the state at the beginning of the round and all that was said in it.
-What a module says is plausible if it says so from where it is, the same to every region that it
-goes to; a claim is of an admissible move. A process is through with a phase when its modules have
-said all that is due. When all are, verdicts and reports must follow from the claims and the ranks:
-so who has lied is told from those who were lied to. When all have reported, the state goes on.
+It knows the state at the beginning of the round and all that was said in it. What a module says is
+plausible if it says so from where it is, the same to every region that it goes to; a claim is of an
+admissible move. A process is through with a phase when its modules have said all that is due. When
+all are, verdicts and reports must follow from the claims and the ranks: so who has lied is told
+from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Taking up a run without rounds that was cut off: its recording, and the logs of its keepers.
 
-Room: coordinator. While such a run goes on, the logs of its keepers are in a folder beside its
-recording; a run that comes to its end takes the folder away, unless it failed.
+While such a run goes on, the logs of its keepers are in a folder beside its recording; a run that
+comes to its end takes the folder away, unless it failed.
 """
 
 from __future__ import annotations

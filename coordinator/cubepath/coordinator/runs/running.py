@@ -1,7 +1,6 @@
 """A run under way: started, stepped, watched, tapped, asked and stopped.
 
-Room: coordinator. What a run does follows from its plan alone: looking at it, or stepping through
-it, changes nothing.
+What a run does follows from its plan alone: looking at it, or stepping through it, changes nothing.
 """
 
 from __future__ import annotations

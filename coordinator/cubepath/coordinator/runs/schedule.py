@@ -1,10 +1,10 @@
 """Carrying out a schedule: its source, which module makes which move, where it ends or stops.
 
-Room: coordinator. Before the run begins, the modules are followed through the cubes from the start
-of the scene, by the traces of the moves alone. This determines which module makes each move, and
-each module is given its own part. The module itself finds out whether a move is admissible when its
-round comes, or an obstacle is in its way. During the run the coordinator reads the reports, and
-begins no further round once a module has given up.
+Before the run begins, the modules are followed through the cubes from the start of the scene, by
+the traces of the moves alone. This determines which module makes each move, and each module is
+given its own part. The module itself finds out whether a move is admissible when its round comes,
+or an obstacle is in its way. During the run the coordinator reads the reports, and begins no
+further round once a module has given up.
 """
 
 from __future__ import annotations

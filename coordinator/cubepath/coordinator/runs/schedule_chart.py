@@ -1,6 +1,6 @@
 """The schedule of a run beside its normal cube path: a lane for each module, on one time axis.
 
-Room: coordinator. matplotlib is imported when something is drawn.
+matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations

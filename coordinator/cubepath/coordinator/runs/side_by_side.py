@@ -1,6 +1,6 @@
 """A film of a run beside its schedule: the states of both on one time axis, above their moves.
 
-Room: coordinator. matplotlib is imported when something is drawn.
+matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations

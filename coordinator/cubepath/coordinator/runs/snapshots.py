@@ -1,6 +1,6 @@
 """Where modules are after each step of a run or of a schedule, from the scene and the moves alone.
 
-Room: coordinator. Pictures and films are drawn from the snapshots.
+Pictures and films are drawn from the snapshots.
 """
 
 from __future__ import annotations

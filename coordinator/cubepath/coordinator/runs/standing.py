@@ -1,6 +1,6 @@
 """How a run under way stands, and its processes.
 
-Room: coordinator. Looking at a run changes nothing.
+Looking at a run changes nothing.
 """
 
 from __future__ import annotations

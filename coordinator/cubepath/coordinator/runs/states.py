@@ -1,6 +1,6 @@
 """Where modules are after each round of a recording, while it is read.
 
-Room: coordinator. The places follow from the start state and the moves that were reported.
+The places follow from the start state and the moves that were reported.
 """
 
 from __future__ import annotations

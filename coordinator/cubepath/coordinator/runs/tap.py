@@ -1,7 +1,4 @@
-"""Taps: what was heard of a run and waits to be taken.
-
-Room: coordinator. Touches nothing.
-"""
+"""Taps: what was heard of a run and waits to be taken."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Whose turn it is with a run: one thread at a time, and nobody who listens to a round goes on.
-
-Room: coordinator. Touches nothing.
-"""
+"""Whose turn it is with a run: one thread at a time, and nobody who listens to a round goes on."""
 
 from __future__ import annotations
 

@@ -6,8 +6,6 @@ then filled in.
 
 Sources: planning as satisfiability (Kautz and Selman 1992), with explanatory frame axioms; at most
 one of many by a sequential counter (Sinz 2005).
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The clauses of "a path of so many rounds leads from start to goal", and what they mean.
-
-Room: coordinator; touches nothing.
-"""
+"""The clauses of "a path of so many rounds leads from start to goal", and what they mean."""
 
 from __future__ import annotations
 

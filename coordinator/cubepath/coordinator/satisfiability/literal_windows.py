@@ -6,8 +6,6 @@ then, and leads to the other, from which the goal must still be reached. Moves t
 left out, and everything is computed again, until nothing changes: the greatest fixpoint, which is
 the same whatever the order. docs/proofs.md has the definition; Graphplan's levels (Blum and Furst
 1997) are the forward half of it.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@ A move in round t of k has its local state before within t - 1 rounds of the sta
 after within k - t rounds of the goal. So one of the two lies within half of the rounds, and moves
 are looked for only there: the lattice may be infinite. Rounds are counted as if moves never stood
 in each other's way, which leaves out nothing that a path can do.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Supports, traces and local states of actions as arrays, for compiled code.
-
-Room: coordinator; touches nothing.
-"""
+"""Supports, traces and local states of actions as arrays, for compiled code."""
 
 from __future__ import annotations
 

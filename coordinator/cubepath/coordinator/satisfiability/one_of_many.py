@@ -3,8 +3,6 @@
 A vehicle is at one vertex, and at most one vehicle at a vertex. Solvers and provers do not see this
 from one round; it holds because it holds at the start and no move breaks it. Groups are proposed by
 labels and places, and kept only if that is so.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

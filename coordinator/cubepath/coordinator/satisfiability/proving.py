@@ -5,7 +5,7 @@ quick and in small ones at last; the other refutes one length after another from
 the last length that is open both work at it. A path that has been found is made normal, which may
 shorten it further; a length that is refuted refutes all below it, since rounds may be idle.
 
-Room: coordinator; touches the clock, the processes of solvers, and temporary files for logs.
+It touches the clock, the processes of solvers, and temporary files for logs.
 """
 
 from __future__ import annotations

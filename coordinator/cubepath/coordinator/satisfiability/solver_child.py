@@ -4,7 +4,7 @@ It reads problems from standard input and answers on standard output, one after 
 input ends; a solver that does not come to an end holds nobody up, and is ended from outside. It
 ends with its parent, however that ends.
 
-Room: coordinator; touches standard input and output, and the file that it is told to write.
+It touches standard input and output, and the file that it is told to write.
 """
 
 from __future__ import annotations

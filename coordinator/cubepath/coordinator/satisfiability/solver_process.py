@@ -3,7 +3,7 @@
 A solver that is told to stop after some time may not do so, and while it works in this process
 nothing else can: no interrupt is heard. So it works elsewhere.
 
-Room: coordinator; touches processes, and files for logs that it is given.
+It touches processes, and files for logs that it is given.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A lower bound without a solver: the least length at which the windows leave every site a value.
-
-Room: coordinator; touches nothing.
-"""
+"""A lower bound without a solver: the least length at which each site keeps a value."""
 
 from __future__ import annotations
 

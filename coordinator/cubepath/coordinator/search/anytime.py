@@ -8,7 +8,7 @@ system may have a search of its own (`System.paths`); the path that it finds is 
 one from the start to the end. Beside them a SAT solver looks for shorter windows in a process of
 its own (`sat_windows`), if time alone bounds the search.
 
-Room: coordinator; touches the clock, to know when to stop, and the process of a solver.
+It touches the clock, to know when to stop, and the process of a solver.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@ have one are in nobody's way. Being at a vertex after round t holds it in the ro
 t + 1, so two vehicles are in conflict if they are at one vertex at times that differ by one at
 most. Every vehicle waits at its start at time 0 and at its goal at the end, routed or not; so
 nobody else may be at a start at time 1, or at a goal one round before the end.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -13,8 +13,6 @@ optimization for binary CSP applied to minimum partition into plane subgraphs an
 (2023), for weights that grow with the square of the count, and for noise. Here vehicles wait in no
 order, any of them is next, which was found by trial to be better than a queue; several rounds are
 cut at a time as long as that succeeds; and vehicles without labels that wait may exchange goals.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

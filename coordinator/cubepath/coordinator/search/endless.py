@@ -1,7 +1,4 @@
-"""Whether modules can move away for ever, so that a scene has infinitely many states.
-
-Room: coordinator; touches nothing.
-"""
+"""Whether modules can move away for ever, so that a scene has infinitely many states."""
 
 from __future__ import annotations
 

@@ -3,8 +3,6 @@
 Breadth first from both ends, a round at a time, where a round is any non-empty set of commuting
 moves. Maximal sets alone are not enough: a vehicle that is already at its goal, with a free place
 beside it, would have to leave in the first round. Single moves alone would minimise something else.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 Such a sum guides a search, and affects only how soon the search finds something. The sum is 0 at
 the goal alone, and the trace of a move determines how the move changes it.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 A move in one of its directions is met at the first site, in canonical order, that is on before it,
 and one before which nothing is on is met anywhere. A list may be long, and a search may see little
 of it: of a path in numbers only the actions that are met are built.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 Each bound is a few lines with its proof beside it; the greatest one counts. All rest on one fact:
 the moves of a cube write disjoint sets of sites, so a module takes part in at most one move a
 round.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

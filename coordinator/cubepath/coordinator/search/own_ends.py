@@ -1,8 +1,6 @@
 """Vehicles that must keep their own ends, on a graph whose system gives them no labels.
 
 Such a path is one of the system with a label for each vehicle; moves are taken there and back.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

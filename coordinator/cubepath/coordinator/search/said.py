@@ -2,8 +2,6 @@
 
 The class may belong to another distribution. An error in its methods is reported in one line that
 names the class and the method.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ path has changed.
 Sources: planning as satisfiability (Kautz and Selman 1992); windows of plans, Siddiqui and Haslum,
 *Plan quality optimisation via block decomposition* (2013).
 
-Room: coordinator; touches the clock, and the process of a solver.
+It touches the clock, and the process of a solver.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@ This is so if the state complex is simply connected, and then the normal cube pa
 shortest path overall. State complexes of local systems are non-positively curved (Abrams and
 Ghrist), so their universal covers are contractible: for them, simply connected and contractible are
 the same.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

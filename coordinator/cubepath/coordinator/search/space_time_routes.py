@@ -3,8 +3,6 @@
 A plan gives the vertex of every vehicle after each round. In round t a vehicle holds the vertices
 where it is before and after the round, and no other vehicle holds either. For moves along edges
 this is the same as commuting, so a plan is a cube path, and any cube path of vehicles is a plan.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

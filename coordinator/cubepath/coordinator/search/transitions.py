@@ -4,8 +4,7 @@ A site has a bit, a state is the number with the bits of its sites on, and a mov
 its `toggle`. Sites and moves are numbered in the order in which they are met, which depends only on
 the system and the questions. Nothing is enumerated beforehand: the lattice may be infinite.
 
-Room: coordinator; touches nothing. `cubepath.coordinator.complexes.state_masks` is the form for
-compiled code.
+`cubepath.coordinator.complexes.state_masks` is the form for compiled code.
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@ a vertex that another leaves in the same round, and there are neighbourhoods alo
 that wait for each other, since such a chain determines the last round. Half of the steps, which
 take most of the time, are those of a `conflict_optimizer`, which gets rid of rounds; neighbourhoods
 smooth what it leaves, and give it other plans to begin with.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

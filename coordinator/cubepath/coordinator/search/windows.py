@@ -8,8 +8,6 @@ path never do.
 
 Sources: windows of plans, Siddiqui and Haslum, *Plan quality optimisation via block decomposition*
 (2013); large neighbourhood search, Shaw (1998); beam search, Lowerre (1976).
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Whether two files hold equal paths, whatever form they have.
-
-Room: coordinator.
-"""
+"""Whether two files hold equal paths, whatever form they have."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Converting a path from one form of file to another, and binary cubes to lines.
 
-Room: coordinator. The input is checked as for shortening.
+The input is checked as for shortening.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Explaining a schedule: its certificate in plain words, and when each move begins and ends.
 
-Room: coordinator; touches nothing. A certificate is put into words only after
-`cubepath.coordinator.verification.proof` has accepted it.
+A certificate is put into words only after `cubepath.coordinator.verification.proof` has accepted
+it.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ There are three gaps. *Shortening*: from the moves to the normal cube path, the 
 homotopy class; closed by `cubepath.coordinator.normal_form.heap`. *Class*: from there to the best
 path found in any class. *Proof*: from there to the greatest lower bound that was proved.
 
-Room: coordinator; touches only the clock, to know when to stop.
+It touches only the clock, to know when to stop.
 """
 
 from __future__ import annotations

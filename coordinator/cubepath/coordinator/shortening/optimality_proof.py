@@ -1,6 +1,6 @@
 """The proof that no schedule is shorter, as a file: what was refuted, and the schedule.
 
-Room: coordinator; touches only the file that it is told to write, and reads the log of a solver.
+It touches only the file that it is told to write, and reads the log of a solver.
 """
 
 from __future__ import annotations

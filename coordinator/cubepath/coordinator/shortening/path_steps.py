@@ -1,7 +1,7 @@
 """The steps of a path from a file, with a scene to draw them in: moves, or cubes as given.
 
-Room: coordinator. Self-contained moves are drawn too, if they have "before" and "after" and their
-sites are cells of a lattice in the plane.
+Self-contained moves are drawn too, if they have "before" and "after" and their sites are cells of a
+lattice in the plane.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What is known beyond the class of a path, stage by stage, each in its share of the time.
 
-Room: coordinator; touches the clock, to know when to stop, the processes of solvers, and the file
-of a proof.
+It touches the clock, to know when to stop, the processes of solvers, and the file of a proof.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The task that a path solves: from where to where, and by which moves.
-
-Room: coordinator; touches nothing.
-"""
+"""The task that a path solves: from where to where, and by which moves."""
 
 from __future__ import annotations
 

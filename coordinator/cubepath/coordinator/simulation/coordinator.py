@@ -1,6 +1,6 @@
 """The coordinator of a simulated run as one node: the pacing node, and what a run does with it.
 
-Room: coordinator. It does what a run over zenoh does between the pacing node and the conductor.
+It does what a run over zenoh does between the pacing node and the conductor.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Faults of a simulated wire: what can happen, and where it is decided that it does.
 
-Room: coordinator. A fault has a place and a count: the 12th message on the way up from process_1,
-the 40th message that the coordinator takes. So a list of faults means the same when other faults
-are taken away, and a failing run can be shrunk.
+A fault has a place and a count: the 12th message on the way up from process_1, the 40th message
+that the coordinator takes. So a list of faults means the same when other faults are taken away, and
+a failing run can be shrunk.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Faults of runs without rounds: at any time and place, until they are over.
 
-Room: coordinator. Nothing ends such a run, so what happens may take as long as it likes; after the
-faults every process is back, or gone for good.
+Nothing ends such a run, so what happens may take as long as it likes; after the faults every
+process is back, or gone for good.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Journals of simulated keepers: they survive their keeper, but for what was being written.
 
-Room: coordinator. Every record is shown to whoever checks the run, once it is sure to stay.
+Every record is shown to whoever checks the run, once it is sure to stay.
 """
 
 from __future__ import annotations

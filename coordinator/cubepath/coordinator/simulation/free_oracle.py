@@ -1,7 +1,7 @@
 """What must hold at every moment of a run without rounds, whatever happens to its processes.
 
-Room: coordinator. It is shown every record of every journal, as soon as that is sure to stay, and
-everything that is put on the wire; it shares no code with keepers and modules.
+It is shown every record of every journal, as soon as that is sure to stay, and everything that is
+put on the wire; it shares no code with keepers and modules.
 """
 
 from __future__ import annotations

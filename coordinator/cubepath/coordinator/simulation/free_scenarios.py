@@ -1,7 +1,4 @@
-"""What a seed stands for under the free clock: a scene, a rule, keepers, modules in processes.
-
-Room: coordinator.
-"""
+"""What a seed stands for under the free clock: a scene, a rule, keepers, modules in processes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """One simulated run without rounds: its nodes on a simulated wire, and what must hold throughout.
 
-Room: coordinator. A run has faults first. When they are over it must go on: to its goal, or for
-some more moves. Then no more attempts are let through, and everything must come to rest, with all
-that modules sense as it is.
+A run has faults first. When they are over it must go on: to its goal, or for some more moves. Then
+no more attempts are let through, and everything must come to rest, with all that modules sense as
+it is.
 """
 
 from __future__ import annotations

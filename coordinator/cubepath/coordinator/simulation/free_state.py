@@ -1,7 +1,7 @@
 """The state of a run without rounds, from its commits alone, in plain dictionaries.
 
-Room: coordinator. Commits come in the order in which they are logged, which is a legal path; each
-is checked against all that came before.
+Commits come in the order in which they are logged, which is a legal path; each is checked against
+all that came before.
 """
 
 from __future__ import annotations

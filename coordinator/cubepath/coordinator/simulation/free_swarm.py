@@ -1,7 +1,4 @@
-"""Seeds of runs without rounds: the run that one stands for, and what is kept of a failing one.
-
-Room: coordinator.
-"""
+"""Seeds of runs without rounds: the run that one stands for, and what is kept of a failing one."""
 
 from __future__ import annotations
 

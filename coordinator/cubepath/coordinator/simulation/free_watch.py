@@ -1,7 +1,6 @@
 """The coordinator of a simulated run without rounds, as a node: it gathers, and decides nothing.
 
-Room: coordinator. It asks keepers for what they have committed again and again, as that of a run
-over zenoh does.
+It asks keepers for what they have committed again and again, as that of a run over zenoh does.
 """
 
 from __future__ import annotations

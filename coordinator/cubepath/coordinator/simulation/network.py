@@ -1,9 +1,8 @@
 """A simulated wire: nodes in processes, one router, links with delays and faults, virtual time.
 
-Room: coordinator. One thread and a heap of events, ordered by time and then by a number; nothing
-depends on the clock, a hash or the order of a set. A message goes from its putter to the router and
-from there to every listener but the putter. Links keep the order of messages unless a fault says
-otherwise.
+One thread and a heap of events, ordered by time and then by a number; nothing depends on the clock,
+a hash or the order of a set. A message goes from its putter to the router and from there to every
+listener but the putter. Links keep the order of messages unless a fault says otherwise.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What a seed stands for: a system, a rule, modules in processes, and the rounds that they have.
 
-Room: coordinator. Instances are small, so that a run takes some hundredths of a second; one in
-twenty is larger.
+Instances are small, so that a run takes some hundredths of a second; one in twenty is larger.
 """
 
 from __future__ import annotations

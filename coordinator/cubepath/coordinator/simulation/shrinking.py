@@ -1,7 +1,7 @@
 """A failing run made small: fewer modules, fewer rounds and fewer faults, as long as it fails so.
 
-Room: coordinator. The faults of a run are a list, so taking one away leaves the others where they
-are: first halves of the list are tried, then smaller parts (delta debugging, Zeller, 1999).
+The faults of a run are a list, so taking one away leaves the others where they are: first halves of
+the list are tried, then smaller parts (delta debugging, Zeller, 1999).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One simulated run: the nodes of a run on a simulated wire, and what must hold of what they did.
 
-Room: coordinator. A run without faults is played in the environment as well, in one process and by
-other code: the edge path must be the same, and of a run that was ended by a fault it must be the
-beginning of that. The recording of every run must pass `verify`.
+A run without faults is played in the environment as well, in one process and by other code: the
+edge path must be the same, and of a run that was ended by a fault it must be the beginning of that.
+The recording of every run must pass `verify`.
 """
 
 from __future__ import annotations

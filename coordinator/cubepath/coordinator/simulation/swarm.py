@@ -1,7 +1,7 @@
 """Many seeds, each a run with faults of its own: what came of them, and the failing ones kept.
 
-Room: coordinator. A failing seed is shrunk; what is left of it is written as a recording, with a
-picture of its messages.
+A failing seed is shrunk; what is left of it is written as a recording, with a picture of its
+messages.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What happened on a simulated wire, in order: the same seed gives the same trace.
 
-Room: coordinator. Pictures are drawn from it.
+Pictures are drawn from it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What a test asks for is checked where it asks: what could never happen is refused in one line.
 
-Room: coordinator. Otherwise a fault with a name that is misspelt never happens, and the test is
-green.
+Otherwise a fault with a name that is misspelt never happens, and the test is green.
 """
 
 from __future__ import annotations

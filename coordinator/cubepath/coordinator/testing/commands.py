@@ -1,6 +1,6 @@
 """Commands of others in processes of their own, that end with the test whatever happens.
 
-Room: coordinator. Each runs under a `ward`, which ends it with all that it has started.
+Each runs under a `ward`, which ends it with all that it has started.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the fixtures of the plugin for pytest give to a test, and what they do when it is over.
 
-Room: coordinator. The plugin imports this when a fixture is asked for.
+The plugin imports this when a fixture is asked for.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Commands of others that join a run under test, and are looked after until they have.
-
-Room: coordinator.
-"""
+"""Commands of others that join a run under test, and are looked after until they have."""
 
 from __future__ import annotations
 

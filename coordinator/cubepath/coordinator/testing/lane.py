@@ -1,6 +1,6 @@
 """One direction of a link: messages in their order, through rules, from one session to another.
 
-Room: coordinator. Zenoh's callbacks only enqueue; a thread does the work.
+Zenoh's callbacks only enqueue; a thread does the work.
 """
 
 from __future__ import annotations

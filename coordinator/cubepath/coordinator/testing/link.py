@@ -1,9 +1,9 @@
 """A link between one process and the router of a run, that a test can cut, slow down and falsify.
 
-Room: coordinator. At its far end is a session that is a router, at a socket of its own, where the
-process connects; at its near end a client of the router of the run, with the credentials of the
-process. Messages, liveliness tokens and queries pass in both directions, each in its order, through
-the rules of the link. Neither the process nor the router knows of it.
+At its far end is a session that is a router, at a socket of its own, where the process connects; at
+its near end a client of the router of the run, with the credentials of the process. Messages,
+liveliness tokens and queries pass in both directions, each in its order, through the rules of the
+link. Neither the process nor the router knows of it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The log of a run as a test asks it: what was said, who claimed what when, and what must hold.
 
-Room: coordinator. What must hold is derived by `auditing` and `verification`, which share nothing
-with the run. A failure tells where, with the messages around that place.
+What must hold is derived by `auditing` and `verification`, which share nothing with the run. A
+failure tells where, with the messages around that place.
 """
 
 from __future__ import annotations

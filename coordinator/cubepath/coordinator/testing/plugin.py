@@ -1,7 +1,7 @@
 """The plugin for pytest: fixtures, seeds by parametrisation, and recordings in the report.
 
-Room: coordinator. Named by the entry point ``pytest11``, so it is imported by every pytest where
-cubepath is installed: it imports nothing but pytest before a fixture is asked for.
+Named by the entry point ``pytest11``, so it is imported by every pytest where cubepath is
+installed: it imports nothing but pytest before a fixture is asked for.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Recordings replayed into the code under test: a function, a node, a process, a rule.
-
-Room: coordinator.
-"""
+"""Recordings replayed into the code under test: a function, a node, a process, a rule."""
 
 from __future__ import annotations
 

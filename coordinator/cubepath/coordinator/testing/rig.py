@@ -1,7 +1,7 @@
 """A run under test: awaited, wounded and asked, with processes of ours and of others.
 
-Room: coordinator. With rounds it goes on only when it is told to; without, modules act when they
-are ready, and it is listened to. In both cases a test says until when, and what is to happen there.
+With rounds it goes on only when it is told to; without, modules act when they are ready, and it is
+listened to. In both cases a test says until when, and what is to happen there.
 """
 
 from __future__ import annotations

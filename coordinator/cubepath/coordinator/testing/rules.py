@@ -1,7 +1,7 @@
 """Rules of a faulty network: which messages are lost, late, doubled, held back or overtaken.
 
-Room: coordinator. A rule says nothing of time of arrival where it can be helped: with a probability
-it is the bytes of a message and the seed that decide, so the same messages are lost in every run.
+A rule says nothing of time of arrival where it can be helped: with a probability it is the bytes of
+a message and the seed that decide, so the same messages are lost in every run.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A message as a test sees it: what kind, of whom, to whom, and about which modules.
 
-Room: coordinator. One view of messages with rounds and without, so that rules of links, conditions
-and tables need not know the clock.
+One view of messages with rounds and without, so that rules of links, conditions and tables need not
+know the clock.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Strategies of hypothesis: faults, and runs with faults, that shrink to few, early and short ones.
 
-Room: coordinator. It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the
-room imports it.
+It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the room imports it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Small tables of messages for the text of a failure: what was said around a place, and no more.
-
-Room: coordinator.
-"""
+"""Small tables of messages for the text of a failure: what was said around a place, and no more."""
 
 from __future__ import annotations
 

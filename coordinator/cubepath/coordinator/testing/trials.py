@@ -1,7 +1,7 @@
 """Trials: a run under listed faults in virtual time, in this process, and what must hold of it.
 
-Room: coordinator. The nodes are those of real processes, on the wire of `simulation`. Strategies of
-hypothesis draw trials, and a trial can be written down by hand as well.
+The nodes are those of real processes, on the wire of `simulation`. Strategies of hypothesis draw
+trials, and a trial can be written down by hand as well.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The wire of a run under test: a link for each process, and the rules that hold on all of them.
-
-Room: coordinator.
-"""
+"""The wire of a run under test: a link for each process, and the rules that hold on all of them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a test does to the processes of a run: kills, pauses and cuts them off, when it says.
-
-Room: coordinator.
-"""
+"""What a test does to the processes of a run: kills, pauses and cuts them off, when it says."""
 
 from __future__ import annotations
 

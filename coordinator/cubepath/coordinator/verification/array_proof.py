@@ -8,8 +8,6 @@ that equal moves have equal numbers, is checked too. No code is shared with the 
 
 Cost: as for the reference, one pass over the path for each check, besides sorting the entries of
 the rows. Space: some numbers for each move, each site, and each time that a site is written.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

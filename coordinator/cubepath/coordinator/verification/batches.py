@@ -1,7 +1,7 @@
 """Batches: what the modules of a process say in a phase goes to the regions that it is for.
 
-Room: coordinator. Part of `cubepath verify`: where each part has to go is derived from the
-neighbourhoods of the system.
+Part of `cubepath verify`: where each part has to go is derived from the neighbourhoods of the
+system.
 """
 
 from __future__ import annotations

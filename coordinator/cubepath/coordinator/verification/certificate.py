@@ -1,8 +1,8 @@
 """Checking a certificate for `cubepath verify`, in a recording or in a file.
 
-Room: coordinator. `cubepath.coordinator.verification.proof` checks the proof itself. This module
-also checks the state at the end, and that given cubes are the cubes of the certificate. It uses
-nothing that builds certificates or shortens.
+`cubepath.coordinator.verification.proof` checks the proof itself. This module also checks the state
+at the end, and that given cubes are the cubes of the certificate. It uses nothing that builds
+certificates or shortens.
 """
 
 from __future__ import annotations

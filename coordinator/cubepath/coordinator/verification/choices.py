@@ -1,8 +1,8 @@
 """What a rule was given to choose from: the observation of a module, derived from a recording.
 
-Room: coordinator. Part of `cubepath verify`: states, sites and notes are those that verification
-derives or reads; of a run it shares the catalogue and the neighbourhoods of the system (`sensed`,
-`reach`, `moves`, and how sites are encoded). It asks no rule: whoever has rules is a `Player`.
+Part of `cubepath verify`: states, sites and notes are those that verification derives or reads; of
+a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`, and
+how sites are encoded). It asks no rule: whoever has rules is a `Player`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What moves depend on: the sites that they read and write, and at which version they find them.
 
-Room: coordinator. Part of `cubepath verify`, and a second way to its answer: it uses neither the
-heap, nor `commute`, nor the normal form. A move reads the sites of its support and writes those of
-its trace; the version of a site counts how often it was written. Three things are checked.
+Part of `cubepath verify`, and a second way to its answer: it uses neither the heap, nor `commute`,
+nor the normal form. A move reads the sites of its support and writes those of its trace; the
+version of a site counts how often it was written. Three things are checked.
 
 *Each round, and each cube, is one step.* No site that one of its moves writes is read or written by
 another. So the moves of a step have no order among themselves, and all conflicts, of two moves of

@@ -1,7 +1,7 @@
 """How a run ended: whether it went on as long as it had to, and no longer, and said why.
 
-Room: coordinator. Part of `cubepath verify`. After each round it is derived whether the run had to
-end there: a module gave up, the schedule stopped, the goal was reached, or the rounds were over.
+Part of `cubepath verify`. After each round it is derived whether the run had to end there: a module
+gave up, the schedule stopped, the goal was reached, or the rounds were over.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Whether two edge paths are equal up to swapping commuting moves, or homotopic.
 
-Room: coordinator. A path is given, up to swapping, by its moves and by the order of those that do
-not commute. Those share a site that one of them writes, so the order is told by how often each site
-of a move was written before it: the versions that it finds. Moves with equal actions do not
-commute, so the n-th of one path belongs to the n-th of the other. Homotopic are paths that are
-equal when all that cancels is taken out, from one start. Time is linear in the supports, and
-nothing is shared with shortening.
+A path is given, up to swapping, by its moves and by the order of those that do not commute. Those
+share a site that one of them writes, so the order is told by how often each site of a move was
+written before it: the versions that it finds. Moves with equal actions do not commute, so the n-th
+of one path belongs to the n-th of the other. Homotopic are paths that are equal when all that
+cancels is taken out, from one start. Time is linear in the supports, and nothing is shared with
+shortening.
 """
 
 from __future__ import annotations

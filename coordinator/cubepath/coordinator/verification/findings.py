@@ -1,6 +1,6 @@
 """What verifying a recording finds: its checks, and the first failure of each.
 
-Room: coordinator. Part of `cubepath verify`.
+Part of `cubepath verify`.
 """
 
 from __future__ import annotations

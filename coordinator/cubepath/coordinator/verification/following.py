@@ -4,8 +4,6 @@ The timetable is carried out by the definition of its rule (`following_rules`). 
 moves of its input, the visits of every vertex must come in the order of the plan, and for every
 move the inequality that binds it must hold with equality; so by induction along those inequalities
 no move can be earlier. Nothing here is shared with what computes timetables.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

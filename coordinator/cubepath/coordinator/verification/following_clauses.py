@@ -5,8 +5,7 @@ vehicle goes along an edge, in one direction, in a round; one of the vehicles up
 at a vertex. Each clause holds for every legal timetable under these meanings, so if they cannot be
 satisfied there is none. Which variables there must be is derived here too: docs/following.md.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`. Nothing is shared with the code that
-asks solvers.
+Part of `cubepath verify`. Nothing is shared with the code that asks solvers.
 """
 
 from __future__ import annotations

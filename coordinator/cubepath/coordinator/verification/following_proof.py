@@ -1,9 +1,9 @@
 """Checking a proof about vehicles that may follow: no timetable has fewer rounds than this one.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`. Variables and clauses are derived
-again from the graph (`following_clauses`), each lemma of the log is followed, and the timetable is
-carried out by the definition of its rule. Nothing is shared with the code that makes proofs but the
-format of the file.
+Part of `cubepath verify`. Variables and clauses are derived again from the graph
+(`following_clauses`), each lemma of the log is followed, and the timetable is carried out by the
+definition of its rule. Nothing is shared with the code that makes proofs but the format of the
+file.
 """
 
 from __future__ import annotations

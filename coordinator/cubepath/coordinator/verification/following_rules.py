@@ -6,8 +6,6 @@ somebody stands is entered only if that vehicle leaves it in this round, under t
 its move ends, and the one that it enters from when its move begins. Two hold one vertex only while
 one leaves it and the other enters it, who neither begins nor ends earlier; under the rule of
 CG:SHOP 2021 only in the same direction. No two are on one edge at one time in opposite directions.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Verifying a run without rounds: everything derived again from the start and the versions.
 
-Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap.
+Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap.
 """
 
 from __future__ import annotations

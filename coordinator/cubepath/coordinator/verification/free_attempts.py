@@ -1,7 +1,7 @@
 """Whether commits answer attempts, and what keepers say of attempts is what came of them.
 
-Room: coordinator. Part of `cubepath verify`. What was sensed is compared with the history at the
-versions at which it was committed.
+Part of `cubepath verify`. What was sensed is compared with the history at the versions at which it
+was committed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Whether modules act in epochs in which they entered, and epochs grow with births.
 
-Room: coordinator. Part of `cubepath verify`.
+Part of `cubepath verify`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What was where at which version, derived from the start and the commits of keepers.
 
-Room: coordinator. Part of `cubepath verify`. Commits are put in an order in which they can have
-happened, by the versions that they name, and carried out one after another; so there is the site at
-every version of every unit, and the place and the register of every module at its versions. It
-shares only the catalogue and the tiles with a run. A version takes some numbers in arrays.
+Part of `cubepath verify`. Commits are put in an order in which they can have happened, by the
+versions that they name, and carried out one after another; so there is the site at every version of
+every unit, and the place and the register of every module at its versions. It shares only the
+catalogue and the tiles with a run. A version takes some numbers in arrays.
 """
 
 from __future__ import annotations

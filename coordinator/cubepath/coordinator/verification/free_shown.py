@@ -1,6 +1,6 @@
 """Whether what keepers show, and tell at the end, is what was there.
 
-Room: coordinator. Part of `cubepath verify`.
+Part of `cubepath verify`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a commit touches: the units of its move, and the modules that it changes or holds.
 
-Room: coordinator. Part of `cubepath verify`, from the catalogue alone.
+Part of `cubepath verify`, from the catalogue alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Verifying a recording that damage has left with a hole: what stands before it as ever.
 
-Room: coordinator. Part of `cubepath verify`. Messages are numbered in the order of writing, and
-what is recovered keeps its numbers. What modules remember, and where they stand, follows from all
-that was said before, so after the hole each message is checked by itself, and what would have to be
-derived is said not to be checked.
+Part of `cubepath verify`. Messages are numbered in the order of writing, and what is recovered
+keeps its numbers. What modules remember, and where they stand, follows from all that was said
+before, so after the hole each message is checked by itself, and what would have to be derived is
+said not to be checked.
 """
 
 from __future__ import annotations

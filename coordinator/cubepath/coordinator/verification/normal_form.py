@@ -4,8 +4,6 @@ The first pass finds the moves that cancel, the second the level of each that re
 column for each site, as the checks of a proof do, and cost the supports of the moves. The code that
 shortens is not used; `normal_form.definitions` has the same by definition, at up to the whole path
 for each move.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

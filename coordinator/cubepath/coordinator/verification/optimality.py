@@ -1,8 +1,8 @@
 """Checking a proof of optimality: nothing shorter exists, and this schedule is one.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`. What a proof says is derived again
-from the moves: windows, variables, clauses, then each lemma of its log, then its schedule. See
-docs/proofs.md; nothing is shared with the code that makes proofs but the format of the file.
+Part of `cubepath verify`. What a proof says is derived again from the moves: windows, variables,
+clauses, then each lemma of its log, then its schedule. See docs/proofs.md; nothing is shared with
+the code that makes proofs but the format of the file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Whether the parameters of a recording are those of a run, and fit its scene.
 
-Room: coordinator. Part of `cubepath verify`. A parameter that is missing is not held against a
-recording: those written by other programs have fewer. One that no run has is.
+Part of `cubepath verify`. A parameter that is missing is not held against a recording: those
+written by other programs have fewer. One that no run has is.
 """
 
 from __future__ import annotations

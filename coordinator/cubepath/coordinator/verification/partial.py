@@ -1,8 +1,8 @@
 """Verifying a part of a run: from where it was attached to, of some topics, or cut from the middle.
 
-Room: coordinator. Part of `cubepath verify`. Where modules stood when it begins is not on record,
-nor what rules remembered; so each message is checked by itself, and what would have to be derived
-is said not to be checked.
+Part of `cubepath verify`. Where modules stood when it begins is not on record, nor what rules
+remembered; so each message is checked by itself, and what would have to be derived is said not to
+be checked.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ Cost: each check is one pass over the path with a column for each site, and take
 proportional to the sizes of the supports. Only a refused certificate is gone through once more, by
 the definition, to name the moves at fault.
 
-Room: coordinator; touches nothing. From the project it imports only the definition of an action.
+From the project it imports only the definition of an action.
 """
 
 from __future__ import annotations

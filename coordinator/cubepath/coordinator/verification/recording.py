@@ -1,8 +1,8 @@
 """Verifying: everything in a recording derived again from the start state, by independent code.
 
-Room: coordinator. It shares only the catalogue, `commute` and the decoding of messages with the
-code that makes recordings; `cubepath.coordinator.verification.rounds` derives the rounds. It uses
-neither the gatherer nor the heap, nor anything from the agents.
+It shares only the catalogue, `commute` and the decoding of messages with the code that makes
+recordings; `cubepath.coordinator.verification.rounds` derives the rounds. It uses neither the
+gatherer nor the heap, nor anything from the agents.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The clauses of a refutation, written again from what its variables mean.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`: nothing here is shared with the code
-that makes proofs. The clauses are those of docs/proofs.md, in the order of this module.
+Part of `cubepath verify`: nothing here is shared with the code that makes proofs. The clauses are
+those of docs/proofs.md, in the order of this module.
 
 A literal of a clause is ``2 * variable`` or, negated, ``2 * variable + 1``. Variables are numbers
 of the file, from 1. Inside, each has a *slot*: first the sites at times, then the moves in rounds,

@@ -1,8 +1,8 @@
 """The moves that a refutation is about, found again from the system or the listed actions.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`: a proof names moves, and here all
-moves are found that any schedule could use, by asking the system layer by layer from both ends.
-Of each action that is found only numbers are kept, so that millions of them fit into memory.
+Part of `cubepath verify`: a proof names moves, and here all moves are found that any schedule could
+use, by asking the system layer by layer from both ends. Of each action that is found only numbers
+are kept, so that millions of them fit into memory.
 """
 
 from __future__ import annotations

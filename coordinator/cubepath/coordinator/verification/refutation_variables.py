@@ -1,9 +1,9 @@
 """What the variables, ladders and groups of a refutation mean, compared with what they must mean.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`: the variables that there must be
-follow from the windows, and here each variable of a proof is found among them. A proof that has
-another variable, lacks one or has one twice is refused, as is a ladder that is not needed or not of
-the moves that it must order, and a group that some move does not keep.
+Part of `cubepath verify`: the variables that there must be follow from the windows, and here each
+variable of a proof is found among them. A proof that has another variable, lacks one or has one
+twice is refused, as is a ladder that is not needed or not of the moves that it must order, and a
+group that some move does not keep.
 """
 
 from __future__ import annotations

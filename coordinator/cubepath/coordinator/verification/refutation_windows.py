@@ -1,8 +1,8 @@
 """When each site can be on or off, and in which rounds each move can be made, between two states.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`: nothing here is shared with the code
-that makes proofs. The definitions are those of docs/proofs.md: the earliest time of each literal,
-forwards from the start and backwards from the goal, among the moves whose windows are not empty.
+Part of `cubepath verify`: nothing here is shared with the code that makes proofs. The definitions
+are those of docs/proofs.md: the earliest time of each literal, forwards from the start and
+backwards from the goal, among the moves whose windows are not empty.
 
 A *literal* is ``2 * site + value``. A *directed move* is ``2 * action + end``: the action, used
 from its local state `end`.

@@ -1,6 +1,6 @@
 """What the coordinator says of a run at its end, compared with what was derived.
 
-Room: coordinator. Part of `cubepath verify`; runs with rounds and without end alike.
+Part of `cubepath verify`; runs with rounds and without end alike.
 """
 
 from __future__ import annotations

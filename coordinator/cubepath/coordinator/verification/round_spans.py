@@ -1,7 +1,4 @@
-"""Stretches of rounds in words.
-
-Room: coordinator.
-"""
+"""Stretches of rounds in words."""
 
 from __future__ import annotations
 

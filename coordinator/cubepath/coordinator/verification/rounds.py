@@ -1,8 +1,8 @@
 """Rounds derived again from the start state, and compared with a recording.
 
-Room: coordinator. Part of `cubepath verify`: it shares only the catalogue (`System.moves`),
-`commute` and the neighbourhoods of the system (`sensed`, `reach`) with a run. States, ranks,
-winners and deliveries are derived again, by their definitions.
+Part of `cubepath verify`: it shares only the catalogue (`System.moves`), `commute` and the
+neighbourhoods of the system (`sensed`, `reach`) with a run. States, ranks, winners and deliveries
+are derived again, by their definitions.
 """
 
 from __future__ import annotations

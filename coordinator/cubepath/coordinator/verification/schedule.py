@@ -1,7 +1,7 @@
 """Whether a run carried out its schedule, up to where the schedule stopped.
 
-Room: coordinator. Part of `cubepath verify`: it reads the schedule on record and the reports, and
-uses none of the code that assigned the moves.
+Part of `cubepath verify`: it reads the schedule on record and the reports, and uses none of the
+code that assigned the moves.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The stages of a run that goes on from a recording: who followed which rule from which round on.
 
-Room: coordinator. Part of `cubepath verify`. A run whose modules chose at first as they did in
-another recording says in its parameters which rules they follow up to there, and which from there
-on, each with the seed of ranks and of what it draws. So the rules can be asked again.
+Part of `cubepath verify`. A run whose modules chose at first as they did in another recording says
+in its parameters which rules they follow up to there, and which from there on, each with the seed
+of ranks and of what it draws. So the rules can be asked again.
 """
 
 from __future__ import annotations

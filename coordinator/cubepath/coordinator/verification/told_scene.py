@@ -1,7 +1,7 @@
 """Whether a recording that has lost its scene can be of the one that is told.
 
-Room: coordinator. Part of `cubepath verify --recover`: what cannot be is found at the first message
-that contradicts it; what comes of all of them is for `verify` to say.
+Part of `cubepath verify --recover`: what cannot be is found at the first message that contradicts
+it; what comes of all of them is for `verify` to say.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A transcript: the messages of a recording by round and speaker, before any of it is checked.
 
-Room: coordinator. Part of `cubepath verify`: it shares only the decoding of messages with a run.
+Part of `cubepath verify`: it shares only the decoding of messages with a run.
 """
 
 from __future__ import annotations

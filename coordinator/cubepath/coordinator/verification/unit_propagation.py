@@ -1,11 +1,10 @@
 """Checking a refutation of clauses: each lemma of a log follows by unit propagation.
 
-Room: coordinator; touches nothing. Part of `cubepath verify`. A forward checker of DRUP logs, with
-two watched literals to a clause: a lemma is accepted if the clauses and lemmas so far lead to a
-conflict by unit propagation once all its literals are false. Clauses that the log deletes are no
-longer used, but for those that are unit, as in drat-trim. Sources: Goldberg and Novikov,
-Verification of Proofs of Unsatisfiability for CNF Formulas (2003); Wetzler, Heule and Hunt,
-DRAT-trim (2014), also for the binary form of logs.
+Part of `cubepath verify`. A forward checker of DRUP logs, with two watched literals to a clause: a
+lemma is accepted if the clauses and lemmas so far lead to a conflict by unit propagation once all
+its literals are false. Clauses that the log deletes are no longer used, but for those that are
+unit, as in drat-trim. Sources: Goldberg and Novikov, Verification of Proofs of Unsatisfiability for
+CNF Formulas (2003); Wetzler, Heule and Hunt, DRAT-trim (2014), also for the binary form of logs.
 
 Literals are ``2 * variable`` and, negated, ``2 * variable + 1``, as in binary logs.
 """

@@ -1,6 +1,6 @@
 """Claims and messages of a recorded run, as data of a page.
 
-Room: coordinator. It reads recordings.
+It reads recordings.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@ A document is JSON whose arrays of numbers stand aside: in their place is ``{"ar
 bytes, "length": numbers}``, and what they hold lies behind the JSON, little-endian. All of it is
 deflated and written in base64, which has no character with a meaning in HTML: whatever names a
 system's file has, they cannot end the element that they stand in.
-
-Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations

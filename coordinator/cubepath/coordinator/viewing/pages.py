@@ -1,6 +1,6 @@
 """One page of HTML that shows runs: it opens from disk, and asks no network for anything.
 
-Room: coordinator. The parts of the page lie beside this module, in `page/`.
+The parts of the page lie beside this module, in `page/`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A run, or another path, as the data of a page: as it was executed, and its normal cube path.
 
-Room: coordinator. `docs/viewing.md` has the document's fields.
+`docs/viewing.md` has the document's fields.
 """
 
 from __future__ import annotations

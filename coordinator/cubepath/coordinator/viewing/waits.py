@@ -6,7 +6,7 @@ commute with; so its *depth* is one more than the greatest depth of those, and t
 these lead down to depth 1, which is the longest chain of moves that had to follow each other. In a
 normal cube path the depth of a move is the number of its cube.
 
-Source: heaps of pieces (Viennot). Room: coordinator; touches nothing.
+Source: heaps of pieces (Viennot).
 """
 
 from __future__ import annotations

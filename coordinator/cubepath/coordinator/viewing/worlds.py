@@ -1,6 +1,6 @@
 """What paths of one scene are made of: its sites, the moves between them, and how all this looks.
 
-Room: coordinator. It draws by `agents.rendering`; `docs/viewing.md` has the document's fields.
+It draws by `agents.rendering`; `docs/viewing.md` has the document's fields.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What callers give, checked for its type: numbers where numbers are expected, and functions.
-
-Room: protocol.
-"""
+"""What callers give, checked for its type: numbers where numbers are expected, and functions."""
 
 from __future__ import annotations
 

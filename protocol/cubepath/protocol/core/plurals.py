@@ -1,7 +1,4 @@
-"""Counts of things in words.
-
-Room: protocol. Touches nothing.
-"""
+"""Counts of things in words."""
 
 from __future__ import annotations
 

@@ -2,8 +2,6 @@
 
 Of each action the file lists the sites of its support, its trace and its two local states, as
 numbers into one list of sites; docs/files.md describes the arrays.
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Certificates: proofs that a schedule is a shortest one in the class of its path.
 
-Room: protocol. This is the format, in files and in recordings; see docs/certificates.md.
-Certificates are built and checked in the coordinator, by modules that share only this one.
+This is the format, in files and in recordings; see docs/certificates.md. Certificates are built and
+checked in the coordinator, by modules that share only this one.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ that mean the same are the same action however they are written. Whatever is unu
 reader of lines, `cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it,
 or that nothing is.
 
-Room: protocol. It touches only the file it is given, and knows nothing of shortening.
+It touches only the file it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 All times are exact: integers and fractions. A decimal number is read as written, never as a binary
 floating-point number.
 
-Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
+It touches only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations

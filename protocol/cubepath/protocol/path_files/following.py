@@ -5,7 +5,7 @@ line has a move with its number there, and the number of the move that binds it:
 that nothing in the timetable can be earlier. A timetable that is not of the moves of its input has
 neither. See docs/following.md.
 
-Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
+It touches only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """JSON Lines: decoding a line, and files of lines.
 
-Room: protocol. It touches only the files it is given, and knows nothing of their content.
+It touches only the files it is given, and knows nothing of their content.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ moves file has one move per line, all in one of two forms: ``{"generator", "at"}
 self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file has one cube per
 line, ``{"moves": [...]}``.
 
-Room: protocol. It touches only the files it is given, and knows nothing of shortening.
+It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 docs/files.md describes each array. Nothing in such a file is code: it is read without pickles, and
 its content is checked before it is used.
 
-Room: protocol. It touches only the files it is given, and knows nothing of shortening.
+It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ This is how a path of a million moves is read. A line by generator that was seen
 costs one lookup in a dict. Self-contained lines are read straight into arrays, see
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 
-Room: protocol. It touches only the files it is given, and knows nothing of shortening.
+It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

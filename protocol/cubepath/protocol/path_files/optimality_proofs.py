@@ -1,9 +1,8 @@
 """Proofs of optimality: a schedule, and the refutation of every schedule with fewer rounds.
 
-Room: protocol; touches only the file that it is given. This is the format, described in
-docs/proofs.md, of blocks as `proof_blocks` writes them. What a proof proves is decided in the
-coordinator, by `cubepath.coordinator.verification`, which shares only this module with the code
-that makes proofs.
+It touches only the file that it is given. This is the format, described in docs/proofs.md, of
+blocks as `proof_blocks` writes them. What a proof proves is decided in the coordinator, by
+`cubepath.coordinator.verification`, which shares only this module with the code that makes proofs.
 """
 
 from __future__ import annotations

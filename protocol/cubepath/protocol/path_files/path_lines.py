@@ -2,7 +2,7 @@
 
 The lines of self-contained moves are put together from the texts of their sites, without an action.
 
-Room: protocol. It touches only the file it is given, and knows nothing of shortening.
+It touches only the file it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ After a first line come blocks: a line with name, length and CRC-32, so many byt
 line end; the last line has the number of blocks and the SHA-256 of all before it. So any changed
 byte is refused with the block that holds it and the place where that begins. See docs/proofs.md.
 
-Room: protocol; touches only the files that it is given.
+It touches only the files that it is given.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@ whether it is JSON: `cubepath.protocol.path_files.contents` decodes each once. H
 structure around it is checked. Hashes only find texts, and are always followed by a comparison.
 
 Each function stops at a newline, which every line has at its end and no valid JSON text contains.
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

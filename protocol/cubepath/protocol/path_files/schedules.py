@@ -1,7 +1,7 @@
 """Schedules: cubes to be executed one per round, each move by its generator and its place.
 
-Room: protocol. As text, a schedule has the format of a cubes file, see docs/files.md. The recording
-of a run that executed it holds it in this form.
+As text, a schedule has the format of a cubes file, see docs/files.md. The recording of a run that
+executed it holds it in this form.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 Actions and sites are numbers. `supports_of` makes the arrays of actions; `distinct`, compiled,
 makes them of lists of numbers, without the actions, and `TabledActions` makes an action of its row
 only where somebody asks for it. The definition of an action is checked in both ways.
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

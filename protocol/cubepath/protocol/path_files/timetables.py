@@ -1,6 +1,6 @@
 """Timetables: when each move begins and how long it takes, one move per line.
 
-Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
+It touches only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations

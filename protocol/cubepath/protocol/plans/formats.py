@@ -1,7 +1,4 @@
-"""The formats of plans that can be read: by name, or detected from a file's content.
-
-Room: protocol.
-"""
+"""The formats of plans that can be read: by name, or detected from a file's content."""
 
 from __future__ import annotations
 

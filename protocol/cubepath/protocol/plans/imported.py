@@ -1,6 +1,6 @@
 """What is read from another program's plan: its moves one after another, and its scene.
 
-Room: protocol. Moves are checked as they are made, from the start on; nothing is shortened here.
+Moves are checked as they are made, from the start on; nothing is shortened here.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 As moves one after another (`Imported.moves`) a plan loses what its planner did at one time, and
 vehicles that rotate on a cycle of vertices have no such order at all. Here both are kept.
 
-Room: protocol. Every move is checked; what a following vehicle may do is up to the coordinator.
+Every move is checked; what a following vehicle may do is up to the coordinator.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Writing MCAP files: messages are gathered in a chunk, and chunks are appended.
 
-Room: protocol. The files are byte for byte those of the writer of the mcap package with its data
-CRC, which makes some twenty Python objects and calls for each message and takes thrice as long.
-Whatever else a file has is written by that package's own records.
+The files are byte for byte those of the writer of the mcap package with its data CRC, which makes
+some twenty Python objects and calls for each message and takes thrice as long. Whatever else a file
+has is written by that package's own records.
 
 Nothing that was written is touched again: a chunk is written when it is closed, with its length and
 CRC, and not before. A chunk that grows in the file would take less bytes where there are many small

@@ -1,6 +1,6 @@
 """How much is in a recording: messages, bytes and parts by kind, and when they were written.
 
-Room: protocol. A recording ends with its counts, so that they are known without reading it.
+A recording ends with its counts, so that they are known without reading it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Which messages of a recording are taken, and what a recording says that was cut from another.
-
-Room: protocol.
-"""
+"""Which messages of a recording are taken, and what a recording says that was cut from another."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Recordings cut to other recordings: messages taken out, and the file split into parts.
 
-Room: protocol. Messages keep their bytes, their times and their numbers, by which `merging` puts
-them together again. What is cut says so in its parameters.
+Messages keep their bytes, their times and their numbers, by which `merging` puts them together
+again. What is cut says so in its parameters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a recording says of itself: its format, its parameters, and the scene of the run.
-
-Room: protocol.
-"""
+"""What a recording says of itself: its format, its parameters, and the scene of the run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The summary at the end of a finished MCAP file: where its records are, and its channels.
 
-Room: protocol. It is believed if its CRC holds, and then tells where every chunk, attachment and
-metadata record begins, and how long it is, whatever has become of their heads.
+It is believed if its CRC holds, and then tells where every chunk, attachment and metadata record
+begins, and how long it is, whatever has become of their heads.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How records stand in MCAP files: heads, lengths that agree, and finding records again.
 
-Room: protocol. A record is a kind, a length and a body, and most bodies have lengths of their own
-in them. Where both agree the next record is where they say; where they do not, or the kind is none,
-what follows is searched for the next record that a CRC or a checksum vouches for.
+A record is a kind, a length and a body, and most bodies have lengths of their own in them. Where
+both agree the next record is where they say; where they do not, or the kind is none, what follows
+is searched for the next record that a CRC or a checksum vouches for.
 """
 
 from __future__ import annotations

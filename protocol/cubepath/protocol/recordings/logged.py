@@ -1,6 +1,6 @@
 """The messages of a recording, decoded one after another.
 
-Room: protocol. At any time a chunk of the file is in memory, and no more.
+At any time a chunk of the file is in memory, and no more.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Recordings of one run put together: parts of one file, or what several recorders have heard.
 
-Room: protocol. `merge_recordings` says what counts as the same message, and in what order all are.
+`merge_recordings` says what counts as the same message, and in what order all are.
 """
 
 from __future__ import annotations

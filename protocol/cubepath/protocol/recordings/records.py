@@ -1,7 +1,4 @@
-"""The messages of a recording as they stand: one, and a chunk of them that is read when asked for.
-
-Room: protocol.
-"""
+"""The messages of a recording as they stand: one, and a chunk of them, read when needed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What remains of a recording that may have lost its scene or its parameters.
 
-Room: protocol. The messages of every whole chunk are there. What the file no longer says of itself
-is told by who recovers it, or stays lost.
+The messages of every whole chunk are there. What the file no longer says of itself is told by who
+recovers it, or stays lost.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Salvaging MCAP files: every record is checked, and damage is reported.
 
-Room: protocol. The readers of the mcap package stop at the first damaged record, or raise whatever
-their parsers happen to raise. Here records are split one by one, so only a damaged record itself is
-left out: each chunk and attachment has a CRC, and so do the data section and the summary. If a
-length is damaged and the records after it cannot be found, the index in the summary tells where to
-continue; if that is lost as well, the bytes that follow are searched for a record whose CRC holds.
-Messages and attachments are returned only if a CRC covers them.
+The readers of the mcap package stop at the first damaged record, or raise whatever their parsers
+happen to raise. Here records are split one by one, so only a damaged record itself is left out:
+each chunk and attachment has a CRC, and so do the data section and the summary. If a length is
+damaged and the records after it cannot be found, the index in the summary tells where to continue;
+if that is lost as well, the bytes that follow are searched for a record whose CRC holds. Messages
+and attachments are returned only if a CRC covers them.
 
 What is found says where the chunks are, not what is in them: messages are unpacked when they are
 asked for, a chunk at a time, so that memory does not grow with the file. If the CRCs of a finished

@@ -1,7 +1,7 @@
 """The bytes of a recording, read where they are asked for.
 
-Room: protocol. A file stays open for as long as anyone may read from it, so that a recording need
-not fit into memory; of a pipe, which cannot be read twice, the bytes are kept.
+A file stays open for as long as anyone may read from it, so that a recording need not fit into
+memory; of a pipe, which cannot be read twice, the bytes are kept.
 """
 
 from __future__ import annotations

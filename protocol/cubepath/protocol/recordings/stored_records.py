@@ -1,6 +1,6 @@
 """The messages of a file, read a chunk at a time.
 
-Room: protocol; touches the file that it was opened with.
+It touches the file that it was opened with.
 """
 
 from __future__ import annotations

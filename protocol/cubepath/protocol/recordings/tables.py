@@ -1,6 +1,6 @@
 """Recordings as arrays and data frames: moves, claims and messages, a row each.
 
-Room: protocol. `Recording` documents the columns.
+`Recording` documents the columns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The messages of a recording, whole rounds at a time.
-
-Room: protocol.
-"""
+"""The messages of a recording, whole rounds at a time."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Writing recordings, during a run or as the copy of another.
 
-Room: protocol. `recording` says what stands where.
+`recording` says what stands where.
 """
 
 from __future__ import annotations

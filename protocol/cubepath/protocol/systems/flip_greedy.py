@@ -8,8 +8,6 @@ and their crossings count more in the next one.
 Sources: Hanke, Ottmann and Schuierer, *The edge-flipping distance of triangulations* (1996); the
 path heuristic of da Fonseca, Feschet and Gerard, *Shadoks approach to parallel reconfiguration of
 triangulations* (CG:SHOP 2026); squeaky wheels, Joslin and Clements (1999).
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

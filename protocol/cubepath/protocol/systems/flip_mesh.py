@@ -1,7 +1,7 @@
 """A triangulation in arrays, in which compiled code flips edges and walks along segments.
 
 Edges have numbers that they keep when they flip. All arithmetic is on 64-bit integers, which the
-span of the coordinates keeps exact (`PointSet.exact`). Room: protocol; touches nothing.
+span of the coordinates keeps exact (`PointSet.exact`).
 """
 
 from __future__ import annotations

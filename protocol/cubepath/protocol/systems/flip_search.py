@@ -4,8 +4,6 @@ It begins with the better of some greedy paths, then solves windows of the best 
 is kept in normal form, now from one end and now from the other: in that form every flip is as near
 to its own end as it can be, so the last rounds hold few flips, and the path gets shorter as soon as
 they hold none. All random choices come from the seed.
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

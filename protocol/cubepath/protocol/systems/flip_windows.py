@@ -4,8 +4,6 @@ A window is some consecutive rounds. The edges that flip in it fall into parts t
 triangle, so each part is a small task of its own: from its edges before the window to those after
 it. A part that takes all rounds of the window is solved again, greedily from either end, with a
 round less. If that succeeds for all such parts of the last rounds, the path is a round shorter.
-
-Room: protocol; touches nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Messages as they stand on record, under either clock: their schemas, topics and parts.
-
-Room: protocol.
-"""
+"""Messages as they stand on record, under either clock: their schemas, topics and parts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What one sender says in a run without rounds: numbered, and kept for a while to be said again.
 
-Room: protocol. A router that dies takes messages with it. Whoever records notices by the numbers,
-and asks for them. All receivers take what is late or doubled, so the same message is put again.
+A router that dies takes messages with it. Whoever records notices by the numbers, and asks for
+them. All receivers take what is late or doubled, so the same message is put again.
 """
 
 from __future__ import annotations
