@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, Phase, settings
 # These need what no other test does; .ci/run installs it, names them, and fails if none was found.
 _EXTRAS = {
     "sb3_contrib": "agents/environments/test_sb3.py",
-    "rerun": "coordinator/exports/test_rerun.py",
+    "rerun": "coordinator/tools/exports/test_rerun.py",
 }
 collect_ignore = [path for module, path in _EXTRAS.items() if find_spec(module) is None]
 

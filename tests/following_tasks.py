@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import product
 from random import Random
 
-from cubepath.coordinator.following.encoding import Task
-from cubepath.coordinator.following.rules import RULES, Rule
+from cubepath.coordinator.theory.following.encoding import Task
+from cubepath.coordinator.theory.following.rules import RULES, Rule
 from cubepath.protocol.core.sites import Site
 from vehicle_rounds import Cell, first_wrong
 

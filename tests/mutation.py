@@ -88,8 +88,8 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     "coordinator/cubepath/coordinator/normal_form/heap.py": (
         "tests/coordinator/normal_form/test_heap.py",
     ),
-    "coordinator/cubepath/coordinator/search/lower_bounds.py": (
-        "tests/coordinator/search/test_lower_bounds.py",
+    "coordinator/cubepath/coordinator/theory/search/lower_bounds.py": (
+        "tests/coordinator/theory/search/test_lower_bounds.py",
     ),
     f"{_VERIFICATION}/certificate.py": (
         "tests/coordinator/verification/test_certificate.py",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from flint import fmpz_mat, nmod_mat
 
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 
 Groups = tuple[tuple[int, ...], tuple[tuple[int, ...], ...], tuple[int, ...]]
 

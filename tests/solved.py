@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from pysat.solvers import Solver
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube
-from cubepath.coordinator.satisfiability.encoding import Encoding, encode
-from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.search.exact import optimum
-from cubepath.coordinator.search.transitions import Transitions
+from cubepath.coordinator.theory.satisfiability.encoding import Encoding, encode
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System

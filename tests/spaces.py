@@ -12,7 +12,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 from complexes import actions_at, commuting_sets, states_of
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, Faces, complex_from_faces
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    CubicalComplex,
+    Faces,
+    complex_from_faces,
+)
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

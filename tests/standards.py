@@ -19,16 +19,16 @@ import tomli_w
 
 from cubepath.agents.environments.rollout import play_in_python
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
-from cubepath.coordinator.search.anytime import improve
-from cubepath.coordinator.search.exact import optimum
-from cubepath.coordinator.search.lower_bounds import lower_bound
-from cubepath.coordinator.search.transitions import Transitions
-from cubepath.coordinator.shortening.optimality import beyond
 from cubepath.coordinator.shortening.path_steps import read_steps
-from cubepath.coordinator.shortening.tasks import Task
+from cubepath.coordinator.theory.complexes.exploration import explore
+from cubepath.coordinator.theory.complexes.state_complexes import state_complex
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.search.anytime import improve
+from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.lower_bounds import lower_bound
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.names import GeneratorPlacement

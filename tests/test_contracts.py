@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -36,16 +37,20 @@ BREAKS = {
         "agents.rules.registry",
         "agents.environments.world",
     ),
-    "the coordinator: each package may use those below it": (
+    ("the coordinator: each package may use those below it, the core no theory and no tools"): (
         "coordinator.runs.contents",
         "coordinator.commands.console",
+    ),
+    "theory and tools: each package may use those below it": (
+        "coordinator.theory.complexes.links",
+        "coordinator.theory.search.exact",
     ),
     "verification reaches nothing that runs, shortens or searches": (
         "coordinator.verification.proof",
         "coordinator.normal_form.heap",
     ),
     "nobody asks a system for its class": (
-        "coordinator.search.exact",
+        "coordinator.theory.search.exact",
         "protocol.systems.graph",
     ),
 }
@@ -133,6 +138,23 @@ def test_verification_takes_of_the_core_what_it_cannot_do_without() -> None:
                 if isinstance(node, ast.ImportFrom) and node.module in taken:
                     taken[node.module] |= {alias.name for alias in node.names}
     assert taken == allowed
+
+
+def test_the_core_names_theory_and_tools_in_one_table() -> None:
+    """No module of the core but `plugins` names theirs, not even in a string; the face does."""
+    core = [
+        source.path
+        for name, source in sources().items()
+        if not name.startswith(("cubepath.coordinator.theory", "cubepath.coordinator.tools"))
+    ]
+    naming = {
+        path.name
+        for path in core
+        if re.search(
+            r"\bcoordinator\.(theory|tools)\.|\b(theory|tools)\.\w+\.\w+", path.read_text()
+        )
+    }
+    assert naming == {"plugins.py"}
 
 
 @pytest.mark.parametrize("large", LARGE)

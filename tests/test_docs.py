@@ -23,7 +23,7 @@ LEFT_OUT = {
     "pip install -e . && ": "the tests run with the project installed",
     "pip install -e .\n": "what the page installs is put where Python looks for it",
     "pip install -e '.[test]' && python -m pytest\n": "these are the tests",
-    "cubepath paper ": "takes ten seconds and more; tests/coordinator/paper",
+    "cubepath paper ": "takes ten seconds and more; tests/coordinator/theory/paper",
 }
 """Pieces of shell that are not run, and why."""
 LONG = {

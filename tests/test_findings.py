@@ -19,20 +19,20 @@ import flip_diameter
 import hexagon_shapes
 import three_gaps
 import torsion
-from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.shape_complexes import (
+from cubepath.coordinator.experiments.instances import standard
+from cubepath.coordinator.theory.complexes.exploration import explore
+from cubepath.coordinator.theory.complexes.shape_complexes import (
     Shape,
     normal_place,
     shape_complex,
     steps_at,
 )
-from cubepath.coordinator.complexes.state_complexes import state_complex
-from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.satisfiability.encoding import encode
-from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.satisfiability.solver_process import SolverProcess
-from cubepath.coordinator.search.exact import optimum
-from cubepath.coordinator.search.transitions import Transitions
+from cubepath.coordinator.theory.complexes.state_complexes import state_complex
+from cubepath.coordinator.theory.satisfiability.encoding import encode
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.satisfiability.solver_process import SolverProcess
+from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol import scene_from_spec
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.following.reading import read_vehicle_plan
+from cubepath.coordinator.theory.following.reading import read_vehicle_plan
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 

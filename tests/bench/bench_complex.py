@@ -17,9 +17,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import complexes
-from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.links import check_links
-from cubepath.coordinator.complexes.state_complexes import StateComplex, f_vector, state_complex
+from cubepath.coordinator.theory.complexes.exploration import explore
+from cubepath.coordinator.theory.complexes.links import check_links
+from cubepath.coordinator.theory.complexes.state_complexes import (
+    StateComplex,
+    f_vector,
+    state_complex,
+)
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

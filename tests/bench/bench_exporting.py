@@ -28,7 +28,7 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
 
-from cubepath.coordinator.exports.exporting import export
+from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.merging import merge_recordings
 from cubepath.protocol.recordings.recording import read_recording

@@ -17,8 +17,8 @@ import time
 from collections.abc import Sequence
 from random import Random
 
-from cubepath.coordinator.shortening.optimality import beyond
-from cubepath.coordinator.shortening.tasks import Task
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import Task
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.scenes.families.triangulations import random_points

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from cubepath.coordinator.complexes.collapses import collapse
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.complexes.homology_groups import homology
+from cubepath.coordinator.theory.complexes.collapses import collapse
+from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.protocol.compiled import allowance, compiled
 
 Numbers = NDArray[np.int64]

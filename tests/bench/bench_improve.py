@@ -20,11 +20,11 @@ from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.search.heuristics import Potential
-from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import beyond
-from cubepath.coordinator.shortening.tasks import Task, task_of
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import Task, task_of
+from cubepath.coordinator.theory.search.heuristics import Potential
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.triangulations import random_points

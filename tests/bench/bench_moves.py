@@ -33,9 +33,9 @@ from large_fleets import Cell, steps, wandering, write_lines, write_log, write_m
 
 from cubepath.coordinator.shortening.explain import certified_path
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import beyond
 from cubepath.coordinator.shortening.path_input import read_input
-from cubepath.coordinator.shortening.tasks import task_of
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.path_files.moves import read_moves, write_cubes

@@ -19,7 +19,7 @@ from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 from time import process_time
 
-from cubepath.coordinator.paper.claims import all_claims, compute_claims
+from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Catalogue, Cell
 from cubepath.protocol.scenes.families.sliding import sliding_catalogue
@@ -28,7 +28,7 @@ from cubepath.protocol.systems.lattice import LatticeSystem
 COMMAND = ["-m", "cubepath.coordinator", "paper", "--json"]
 START = [
     "-c",
-    "import numba, cubepath.coordinator.commands.main, cubepath.coordinator.paper.claims",
+    "import numba, cubepath.coordinator.commands.main, cubepath.coordinator.theory.paper.claims",
 ]
 SLOWEST = 12
 

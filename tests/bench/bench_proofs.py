@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 from bench_improve import WALK, walks
 
-from cubepath.coordinator.satisfiability.encoding import encode, prepare
-from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.satisfiability.proving import SEARCH, Refutation
-from cubepath.coordinator.satisfiability.solver_process import SolverProcess
-from cubepath.coordinator.shortening.optimality_proof import proof_of
-from cubepath.coordinator.verification.optimality import check_optimality
+from cubepath.coordinator.theory.optimality.optimality_proof import proof_of
+from cubepath.coordinator.theory.proof_checking.optimality import check_optimality
+from cubepath.coordinator.theory.satisfiability.encoding import encode, prepare
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.satisfiability.proving import SEARCH, Refutation
+from cubepath.coordinator.theory.satisfiability.solver_process import SolverProcess
 from cubepath.protocol.core.actions import State, apply_in_place
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

@@ -15,11 +15,11 @@ from random import Random
 from tempfile import TemporaryFile
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.satisfiability.encoding import encode, prepare
-from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.satisfiability.proving import Prover
-from cubepath.coordinator.satisfiability.solver_process import SolverProcess
-from cubepath.coordinator.search.transitions import Transitions
+from cubepath.coordinator.theory.satisfiability.encoding import encode, prepare
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.satisfiability.proving import Prover
+from cubepath.coordinator.theory.satisfiability.solver_process import SolverProcess
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.scenes.specs import scene_from_spec
 

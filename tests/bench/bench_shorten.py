@@ -22,7 +22,7 @@ from statistics import median
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.paper.algorithms import CubePath, TimeGeodesic
+from cubepath.coordinator.theory.paper.algorithms import CubePath, TimeGeodesic
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.actions import Action, admissible, apply_in_place
 from cubepath.protocol.core.catalogue import Move

@@ -22,10 +22,10 @@ from random import Random
 
 from large_fleets import wandering, write_scenario
 
-from cubepath.coordinator.search import vehicle_lns
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import beyond
-from cubepath.coordinator.shortening.tasks import task_of
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import task_of
+from cubepath.coordinator.theory.search import vehicle_lns
 
 DATA = Path(__file__).parents[1] / "data" / "agv"
 SIDE, VEHICLES, MOVES, SEED = 32, 600, 60_000, 1

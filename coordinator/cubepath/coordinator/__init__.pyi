@@ -1,71 +1,4 @@
-from cubepath.coordinator.attached.recorder import Recorder as Recorder
-from cubepath.coordinator.attached.recorder import record as record
 from cubepath.coordinator.auditing.recording import audit as audit
-from cubepath.coordinator.comparison.compared import Compared as Compared
-from cubepath.coordinator.comparison.comparing import diff as diff
-from cubepath.coordinator.complexes.closed_surfaces import Surface as Surface
-from cubepath.coordinator.complexes.closed_surfaces import surface as surface
-from cubepath.coordinator.complexes.collapses import (
-    Collapsed as Collapsed,
-)
-from cubepath.coordinator.complexes.collapses import (
-    collapse as collapse,
-)
-from cubepath.coordinator.complexes.collapses import (
-    contractibility as contractibility,
-)
-from cubepath.coordinator.complexes.cubical_complex import (
-    CubicalComplex as CubicalComplex,
-)
-from cubepath.coordinator.complexes.cubical_complex import (
-    complex_from_faces as complex_from_faces,
-)
-from cubepath.coordinator.complexes.drawing import draw_complex as draw_complex
-from cubepath.coordinator.complexes.exploration import Explored as Explored
-from cubepath.coordinator.complexes.exploration import explore as explore
-from cubepath.coordinator.complexes.export import (
-    to_networkx as to_networkx,
-)
-from cubepath.coordinator.complexes.export import (
-    write_complex as write_complex,
-)
-from cubepath.coordinator.complexes.homology_groups import (
-    Homology as Homology,
-)
-from cubepath.coordinator.complexes.homology_groups import (
-    homology as homology,
-)
-from cubepath.coordinator.complexes.links import Links as Links
-from cubepath.coordinator.complexes.links import check_links as check_links
-from cubepath.coordinator.complexes.local_link import actions_at as actions_at
-from cubepath.coordinator.complexes.local_link import unfilled as unfilled
-from cubepath.coordinator.complexes.macros import (
-    Lift as Lift,
-)
-from cubepath.coordinator.complexes.macros import (
-    Macro as Macro,
-)
-from cubepath.coordinator.complexes.macros import (
-    lift as lift,
-)
-from cubepath.coordinator.complexes.macros import (
-    macro as macro,
-)
-from cubepath.coordinator.complexes.shape_complexes import (
-    ShapeComplex as ShapeComplex,
-)
-from cubepath.coordinator.complexes.shape_complexes import (
-    shape_complex as shape_complex,
-)
-from cubepath.coordinator.complexes.state_complexes import (
-    StateComplex as StateComplex,
-)
-from cubepath.coordinator.complexes.state_complexes import (
-    f_vector as f_vector,
-)
-from cubepath.coordinator.complexes.state_complexes import (
-    state_complex as state_complex,
-)
 from cubepath.coordinator.experiments.instances import (
     StandardInstance as StandardInstance,
 )
@@ -85,25 +18,6 @@ from cubepath.coordinator.experiments.sweeping import (
 from cubepath.coordinator.experiments.sweeping import (
     sweep as sweep,
 )
-from cubepath.coordinator.exports.exporting import Exported as Exported
-from cubepath.coordinator.exports.exporting import export as export
-from cubepath.coordinator.following.files import timetable_file as timetable_file
-from cubepath.coordinator.following.optimum import (
-    FewestRounds as FewestRounds,
-)
-from cubepath.coordinator.following.optimum import (
-    fewest_rounds as fewest_rounds,
-)
-from cubepath.coordinator.following.proofs import fewest_rounds_proof as fewest_rounds_proof
-from cubepath.coordinator.following.reading import read_vehicle_plan as read_vehicle_plan
-from cubepath.coordinator.following.timetable import (
-    FollowingTimetable as FollowingTimetable,
-)
-from cubepath.coordinator.following.timetable import (
-    following_timetable as following_timetable,
-)
-from cubepath.coordinator.live.elsewhere import watch_run as watch_run
-from cubepath.coordinator.live.watching import Live as Live
 from cubepath.coordinator.normal_form.certificate import certificate_of as certificate_of
 from cubepath.coordinator.normal_form.definitions import (
     end_state as end_state,
@@ -124,14 +38,6 @@ from cubepath.coordinator.normal_form.timetable import (
 from cubepath.coordinator.normal_form.timetable import (
     earliest as earliest,
 )
-from cubepath.coordinator.paper.claims import (
-    all_claims as all_claims,
-)
-from cubepath.coordinator.paper.claims import (
-    compute_claims as compute_claims,
-)
-from cubepath.coordinator.paper.registry import Claim as Claim
-from cubepath.coordinator.paper.registry import Row as Row
 from cubepath.coordinator.playback.comparing import Replayed as Replayed
 from cubepath.coordinator.playback.orders import PlayerStatus as PlayerStatus
 from cubepath.coordinator.playback.orders import Position as Position
@@ -163,37 +69,134 @@ from cubepath.coordinator.runs.running import Running as Running
 from cubepath.coordinator.runs.side_by_side import animate_beside as animate_beside
 from cubepath.coordinator.runs.tap import Overheard as Overheard
 from cubepath.coordinator.runs.tap import Tap as Tap
-from cubepath.coordinator.search.anytime import Improved as Improved
-from cubepath.coordinator.search.anytime import improve as improve
-from cubepath.coordinator.search.exact import Optimum as Optimum
-from cubepath.coordinator.search.exact import optimum as optimum
-from cubepath.coordinator.search.lower_bounds import lower_bound as lower_bound
-from cubepath.coordinator.search.simply_connected import only_class as only_class
-from cubepath.coordinator.search.transitions import Transitions as Transitions
 from cubepath.coordinator.shortening.conversion import Converted as Converted
 from cubepath.coordinator.shortening.conversion import convert as convert
 from cubepath.coordinator.shortening.normal_path import Shortened as Shortened
 from cubepath.coordinator.shortening.normal_path import shorten as shorten
-from cubepath.coordinator.shortening.optimality import Beyond as Beyond
-from cubepath.coordinator.shortening.optimality import beyond as beyond
 from cubepath.coordinator.shortening.path_input import PathInput as PathInput
-from cubepath.coordinator.shortening.tasks import Task as Task
-from cubepath.coordinator.shortening.tasks import task_of as task_of
-from cubepath.coordinator.verification.certificate import check_certificate as check_certificate
-from cubepath.coordinator.verification.findings import Verification as Verification
-from cubepath.coordinator.verification.following import check_following as check_following
-from cubepath.coordinator.verification.following_proof import (
+from cubepath.coordinator.theory.complexes.closed_surfaces import Surface as Surface
+from cubepath.coordinator.theory.complexes.closed_surfaces import surface as surface
+from cubepath.coordinator.theory.complexes.collapses import (
+    Collapsed as Collapsed,
+)
+from cubepath.coordinator.theory.complexes.collapses import (
+    collapse as collapse,
+)
+from cubepath.coordinator.theory.complexes.collapses import (
+    contractibility as contractibility,
+)
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    CubicalComplex as CubicalComplex,
+)
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    complex_from_faces as complex_from_faces,
+)
+from cubepath.coordinator.theory.complexes.drawing import draw_complex as draw_complex
+from cubepath.coordinator.theory.complexes.exploration import Explored as Explored
+from cubepath.coordinator.theory.complexes.exploration import explore as explore
+from cubepath.coordinator.theory.complexes.export import (
+    to_networkx as to_networkx,
+)
+from cubepath.coordinator.theory.complexes.export import (
+    write_complex as write_complex,
+)
+from cubepath.coordinator.theory.complexes.homology_groups import (
+    Homology as Homology,
+)
+from cubepath.coordinator.theory.complexes.homology_groups import (
+    homology as homology,
+)
+from cubepath.coordinator.theory.complexes.links import Links as Links
+from cubepath.coordinator.theory.complexes.links import check_links as check_links
+from cubepath.coordinator.theory.complexes.local_link import actions_at as actions_at
+from cubepath.coordinator.theory.complexes.local_link import unfilled as unfilled
+from cubepath.coordinator.theory.complexes.macros import (
+    Lift as Lift,
+)
+from cubepath.coordinator.theory.complexes.macros import (
+    Macro as Macro,
+)
+from cubepath.coordinator.theory.complexes.macros import (
+    lift as lift,
+)
+from cubepath.coordinator.theory.complexes.macros import (
+    macro as macro,
+)
+from cubepath.coordinator.theory.complexes.shape_complexes import (
+    ShapeComplex as ShapeComplex,
+)
+from cubepath.coordinator.theory.complexes.shape_complexes import (
+    shape_complex as shape_complex,
+)
+from cubepath.coordinator.theory.complexes.state_complexes import (
+    StateComplex as StateComplex,
+)
+from cubepath.coordinator.theory.complexes.state_complexes import (
+    f_vector as f_vector,
+)
+from cubepath.coordinator.theory.complexes.state_complexes import (
+    state_complex as state_complex,
+)
+from cubepath.coordinator.theory.following.files import timetable_file as timetable_file
+from cubepath.coordinator.theory.following.optimum import (
+    FewestRounds as FewestRounds,
+)
+from cubepath.coordinator.theory.following.optimum import (
+    fewest_rounds as fewest_rounds,
+)
+from cubepath.coordinator.theory.following.proofs import fewest_rounds_proof as fewest_rounds_proof
+from cubepath.coordinator.theory.following.reading import read_vehicle_plan as read_vehicle_plan
+from cubepath.coordinator.theory.following.timetable import (
+    FollowingTimetable as FollowingTimetable,
+)
+from cubepath.coordinator.theory.following.timetable import (
+    following_timetable as following_timetable,
+)
+from cubepath.coordinator.theory.optimality.beyond import Beyond as Beyond
+from cubepath.coordinator.theory.optimality.beyond import beyond as beyond
+from cubepath.coordinator.theory.optimality.tasks import Task as Task
+from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
+from cubepath.coordinator.theory.paper.claims import (
+    all_claims as all_claims,
+)
+from cubepath.coordinator.theory.paper.claims import (
+    compute_claims as compute_claims,
+)
+from cubepath.coordinator.theory.paper.registry import Claim as Claim
+from cubepath.coordinator.theory.paper.registry import Row as Row
+from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
+from cubepath.coordinator.theory.proof_checking.following_proof import (
     ProvedFewest as ProvedFewest,
 )
-from cubepath.coordinator.verification.following_proof import (
+from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds as check_fewest_rounds,
 )
-from cubepath.coordinator.verification.optimality import (
+from cubepath.coordinator.theory.proof_checking.optimality import (
     ProvedOptimal as ProvedOptimal,
 )
-from cubepath.coordinator.verification.optimality import (
+from cubepath.coordinator.theory.proof_checking.optimality import (
     check_optimality as check_optimality,
 )
+from cubepath.coordinator.theory.search.anytime import Improved as Improved
+from cubepath.coordinator.theory.search.anytime import improve as improve
+from cubepath.coordinator.theory.search.exact import Optimum as Optimum
+from cubepath.coordinator.theory.search.exact import optimum as optimum
+from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
+from cubepath.coordinator.theory.search.simply_connected import only_class as only_class
+from cubepath.coordinator.theory.search.transitions import Transitions as Transitions
+from cubepath.coordinator.tools.attached.recorder import Recorder as Recorder
+from cubepath.coordinator.tools.attached.recorder import record as record
+from cubepath.coordinator.tools.comparison.compared import Compared as Compared
+from cubepath.coordinator.tools.comparison.comparing import diff as diff
+from cubepath.coordinator.tools.exports.exporting import Exported as Exported
+from cubepath.coordinator.tools.exports.exporting import export as export
+from cubepath.coordinator.tools.live.elsewhere import watch_run as watch_run
+from cubepath.coordinator.tools.live.watching import Live as Live
+from cubepath.coordinator.tools.viewing.pages import page_document as page_document
+from cubepath.coordinator.tools.viewing.pages import run_page as run_page
+from cubepath.coordinator.tools.viewing.shown import Shown as Shown
+from cubepath.coordinator.verification.certificate import check_certificate as check_certificate
+from cubepath.coordinator.verification.findings import Verification as Verification
 from cubepath.coordinator.verification.proof import check_proof as check_proof
 from cubepath.coordinator.verification.recording import (
     Recovered as Recovered,
@@ -204,6 +207,3 @@ from cubepath.coordinator.verification.recording import (
 from cubepath.coordinator.verification.recording import (
     verify as verify,
 )
-from cubepath.coordinator.viewing.pages import page_document as page_document
-from cubepath.coordinator.viewing.pages import run_page as run_page
-from cubepath.coordinator.viewing.shown import Shown as Shown

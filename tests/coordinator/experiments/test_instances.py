@@ -11,12 +11,12 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.normal_form.definitions import end_state
-from cubepath.coordinator.satisfiability.proving import SEARCH
-from cubepath.coordinator.search.anytime import improve
-from cubepath.coordinator.search.lower_bounds import lower_bound
-from cubepath.coordinator.shortening.optimality import beyond
-from cubepath.coordinator.shortening.tasks import Task
-from cubepath.coordinator.verification.optimality import check_optimality
+from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.proof_checking.optimality import check_optimality
+from cubepath.coordinator.theory.satisfiability.proving import SEARCH
+from cubepath.coordinator.theory.search.anytime import improve
+from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.protocol.path_files.optimality_proofs import read_proof
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -15,10 +15,10 @@ import pytest
 
 from cubepath.agents.processes.join_messages import alive_key
 from cubepath.agents.processes.joining import Joining, join
-from cubepath.coordinator.comparison.comparing import diff
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.recording import read_recording

@@ -12,7 +12,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.tasks import task_of
+from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.plans.formats import PlanHints

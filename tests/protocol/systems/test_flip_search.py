@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from cubepath.coordinator import improve, is_normal, lower_bound
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.search.exact import optimum
-from cubepath.coordinator.search.transitions import Transitions
+from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order

@@ -18,10 +18,9 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
-from cubepath.coordinator.commands.following import verify_following
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.search_options import improving
+from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, file_within, opened
@@ -30,7 +29,6 @@ from cubepath.protocol.core.plurals import counted
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
     from cubepath.coordinator.shortening.normal_path import Shortened
-    from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
     from cubepath.protocol.path_files.moves import CubeName
 
@@ -121,7 +119,7 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
     return Explained(document, tuple(rows), tuple(lines), timed)
 
 
-def write_schedule(output: Path, found: Shortened, known: Beyond | None, told: Explained) -> None:
+def write_schedule(output: Path, found: Shortened, known: Any, told: Explained) -> None:
     """Write what ``-o`` asks for: cubes, as lines or arrays, or a timetable."""
     from cubepath.protocol.path_files.moves import write_cubes  # noqa: PLC0415
 
@@ -147,7 +145,7 @@ def check_explain_options(options: argparse.Namespace) -> None:
     """Check that the options fit together; InputError if they do not."""
     timed = options.durations is not None or bool(options.duration)
     given = "--certificate" if options.certificate is not None else "--duration"
-    beyond = improving(options)
+    beyond: str | None = plugin("improving")(options)
     if beyond is not None and (options.certificate is not None or timed):
         raise InputError(
             f"{given} is for the homotopy class of the input, which {beyond} may leave:"
@@ -197,7 +195,8 @@ def verify_certificate(options: argparse.Namespace, given: Source) -> int:
     check_files(options, [source, options.of, cubes_file])
     with opened(given) as file:
         if is_following(file):
-            return verify_following(options, file)
+            code: int = plugin("verify_following")(options, file)
+            return code
         return _verify_certificate(options, file, source, cubes_file)
 
 

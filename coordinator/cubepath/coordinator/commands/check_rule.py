@@ -15,11 +15,9 @@ if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.agents.locality.check import Checked
 
 
-def add_check_rule_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    check = command(
-        "check-rule", _check_rule, "check that a rule sees no further than its module, and no more"
-    )
+    check = command("check-rule", _check_rule)
     check.add_argument("rule", metavar="RULE", help="a name, or FILE.py:NAME of a RuleType")
     check.add_argument(
         "systems",

@@ -28,9 +28,9 @@ _NAME = re.compile(r"[A-Za-z](?:[A-Za-z0-9_]*[A-Za-z0-9])?")
 """An identifier of Python that is also the name of a distribution, with "-" for "_"."""
 
 
-def add_new_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    new = command("new", _new, "begin a distribution with a rule or a system of your own")
+    new = command("new", _new)
     new.add_argument("kind", choices=KINDS, metavar="KIND", help="rule or system")
     new.add_argument("name", metavar="NAME", help="what it is called, an identifier of Python")
     new.add_argument(

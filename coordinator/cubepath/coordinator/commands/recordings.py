@@ -32,13 +32,9 @@ from cubepath.coordinator.commands.files import (
     opened_once,
     output_path,
 )
-from cubepath.coordinator.commands.optimality_proofs import (
-    add_proof_options,
-    is_of_a_proof,
-    verify_proof,
-)
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
+from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import Source, file_within, readable
@@ -56,11 +52,9 @@ _One: TypeAlias = "Callable[[Path, _Tell], _Told]"
 _LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard input"
 
 
-def add_recording_commands(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
-    verify = command(
-        "verify", _verify, "check a recording, from the start state on; or a certificate or a proof"
-    )
+    verify = command("verify", _verify)
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
     verify.add_argument(
         "--rule",
@@ -78,7 +72,7 @@ def add_recording_commands(command: AddCommand) -> None:
     )
     add_certificate_options(verify)
     add_comparing_options(verify)
-    add_proof_options(verify)
+    plugin("add_proof_options")(verify)
     verify.add_argument(
         "--recover",
         type=output_path,
@@ -87,7 +81,7 @@ def add_recording_commands(command: AddCommand) -> None:
         " With --system the scene, if that is lost",
     )
 
-    info = command("info", _info, "show what a recording contains")
+    info = command("info", _info)
     info.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
 
 
@@ -106,9 +100,10 @@ def _verify(options: argparse.Namespace) -> int:
         _check_alone(options)
         return compare(options)
     with opened_once(options.logs) as sources:
-        if is_of_a_proof(options, sources):
+        if plugin("is_of_a_proof")(options, sources):
             _check_alone(options)
-            return verify_proof(options, sources[0])
+            code: int = plugin("verify_proof")(options, sources[0])
+            return code
         if is_of_a_path(options):
             _check_alone(options)
             return verify_certificate(options, sources[0])

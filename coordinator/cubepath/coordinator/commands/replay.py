@@ -24,11 +24,9 @@ _rate = number("a number of at least 0.00001 (about a round a day)", lambda rate
 _seconds = number("0 or more seconds", lambda found: found >= 0)
 
 
-def add_replay_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    replay = command(
-        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
-    )
+    replay = command("replay", _replay)
     replay.add_argument("log", type=input_path, metavar="LOG")
     _add_time(replay)
     _add_choice(replay)

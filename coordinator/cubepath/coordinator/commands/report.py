@@ -20,9 +20,9 @@ _WIDE = 100
 """The letters in a line of a table's note."""
 
 
-def add_report_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    report = command("report", _report, "tables, plots and a page on the runs of a sweep")
+    report = command("report", _report)
     report.add_argument("folder", type=Path, metavar="DIR", help="the folder of 'cubepath sweep'")
     report.add_argument(
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"

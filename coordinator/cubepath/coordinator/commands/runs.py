@@ -20,9 +20,9 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.coordinator.commands.files import check_files, input_path, output_path
-from cubepath.coordinator.commands.live import add_live_options, watched
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, module_numbers, number, whole
+from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 from cubepath.protocol.core.plurals import counted
@@ -32,15 +32,15 @@ _RUN = re.compile(r"[0-9a-f]{12}")
 _LOOK_S = 0.5
 
 
-def add_run_commands(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
     _add_run(command)
-    router = command("router", _router, "route for runs on several hosts, until interrupted")
+    router = command("router", _router)
     router.add_argument(
         "--listen", required=True, metavar="ENDPOINT", help="tcp/HOST:PORT or tls/HOST:PORT"
     )
     _add_secure(router)
-    join = command("join", _join, "join a run elsewhere, with some of its modules")
+    join = command("join", _join)
     join.add_argument(
         "--connect",
         required=True,
@@ -72,7 +72,7 @@ def add_run_commands(command: AddCommand) -> None:
 
 
 def _add_run(command: AddCommand) -> None:
-    run = command("run", _run, "run modules in processes, record them, shorten their path")
+    run = command("run", _run)
     run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
     run.add_argument(
         "--rule",
@@ -129,7 +129,7 @@ def _add_run(command: AddCommand) -> None:
         "--connect", metavar="ENDPOINT", help="use the router that listens there, and start none"
     )
     _add_secure(run)
-    add_live_options(run)
+    plugin("add_live_options")(run)
     run.add_argument(
         "--wait-for",
         type=whole(0),
@@ -276,7 +276,7 @@ def _run(options: argparse.Namespace) -> int:
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
             running = Running(plan, watch=watch, say=say)
-            with watched(options, running, say):
+            with plugin("watched")(options, running, say):
                 outcome = running.play_from_the_start()
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),

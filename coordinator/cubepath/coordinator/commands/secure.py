@@ -10,11 +10,9 @@ from cubepath.coordinator.commands.usage import AddCommand, whole
 from cubepath.protocol.core.control_characters import visible
 
 
-def add_certificates_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    certificates = command(
-        "certificates", _certificates, "make an authority and certificates for secure runs"
-    )
+    certificates = command("certificates", _certificates)
     certificates.add_argument("folder", type=Path, metavar="DIR", help="a new folder for them")
     certificates.add_argument(
         "--processes",

@@ -31,11 +31,9 @@ _SHOWN_MAX = 300
 """Of a line on what failed so many characters are shown; the document and the log have it all."""
 
 
-def add_simulate_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    simulate = command(
-        "simulate", _simulate, "simulate whole runs under random faults, each from its seed"
-    )
+    simulate = command("simulate", _simulate)
     simulate.add_argument(
         "--seeds",
         type=_seeds,

@@ -31,9 +31,9 @@ _TOLD_MAX = 5
 """So many lines are told of a kind; the document has all."""
 
 
-def add_sweep_command(command: AddCommand) -> None:
+def add_commands(command: AddCommand) -> None:
     """Add the command and its options."""
-    sweep = command("sweep", _sweep, "play many runs: systems by rules by seeds, and more")
+    sweep = command("sweep", _sweep)
     sweep.add_argument(
         "systems",
         nargs="+",

@@ -74,10 +74,10 @@ class Parser(argparse.ArgumentParser):
 
 
 class AddCommand(Protocol):
-    """Adds a command of this name, function and summary; returns its parser."""
+    """Adds a command of this name and function; returns its parser."""
 
     def __call__(
-        self, name: str, function: Callable[[argparse.Namespace], int], summary: str, /
+        self, name: str, function: Callable[[argparse.Namespace], int], /
     ) -> argparse.ArgumentParser:
         """Add the command."""
         ...

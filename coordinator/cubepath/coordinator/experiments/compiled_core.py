@@ -19,9 +19,9 @@ from cubepath.agents.environments.made_moves import MadeMoves, made_in
 from cubepath.agents.environments.rollout import Played, play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import gathered_run
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
-from cubepath.coordinator.experiments.scene_facts import SceneFacts
 from cubepath.coordinator.experiments.setting import Setting
 from cubepath.coordinator.experiments.slow_modules import slow_modules
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubepath.coordinator.experiments.facts import Change, SceneFacts
 from cubepath.coordinator.experiments.outcomes import GOAL, PlayedRun
-from cubepath.coordinator.experiments.scene_facts import Change, SceneFacts
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.ordinals import Ordinals

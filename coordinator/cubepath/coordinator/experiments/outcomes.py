@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.experiments.facts import SceneFacts, facts_of
 from cubepath.coordinator.experiments.rows import ROUND_MEASURES, RUN_COLUMNS, Finished, Row
-from cubepath.coordinator.experiments.scene_facts import SceneFacts, facts_of
 from cubepath.coordinator.experiments.setting import Batch, run_id
 from cubepath.protocol.core.sites import Site
 

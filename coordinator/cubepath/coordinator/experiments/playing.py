@@ -18,9 +18,9 @@ from pathlib import Path
 
 from cubepath.agents.rules.rule_files import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
+from cubepath.coordinator.experiments.facts import SceneFacts, facts_of, forget_facts
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
 from cubepath.coordinator.experiments.rows import PREVENTED, TIMEOUT, Finished
-from cubepath.coordinator.experiments.scene_facts import SceneFacts, facts_of
 from cubepath.coordinator.experiments.setting import Batch, Setting, code_version, scene_hash
 from cubepath.coordinator.experiments.simulated_core import play_simulated
 from cubepath.coordinator.experiments.sources import source_hash
@@ -137,7 +137,7 @@ def loaded_facts(setting: Setting, *, optimum: int, improve: int) -> SceneFacts:
     with _alone, contextlib.redirect_stdout(sys.stderr):
         facts = facts_of(setting.system, optimum, improve)
         if facts.hashed != setting.scene:
-            facts_of.cache_clear()
+            forget_facts()
             facts = facts_of(setting.system, optimum, improve)
         if facts.hashed != setting.scene:
             raise InputError(f"{setting.system}: was changed while the sweep began")
@@ -150,7 +150,7 @@ def _check(batch: Batch) -> None:
         raise _PreventedError(f"this process has cubepath {code_version()}, expected {batch.code}")
     if _other(batch.setting) is None:
         return
-    facts_of.cache_clear()
+    forget_facts()
     forget_rule_files()
     why = _other(batch.setting)
     if why is not None:

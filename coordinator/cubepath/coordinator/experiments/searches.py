@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 
+from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.playing import loaded_facts
 from cubepath.coordinator.experiments.rows import AGAIN, Row
-from cubepath.coordinator.experiments.scene_facts import SceneFacts
 from cubepath.coordinator.experiments.setting import Batch
 
 _SEARCHES = ("optimum", "improve")

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from random import Random
 
+from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import gathered_run, recorded_run
 from cubepath.coordinator.experiments.outcomes import (
     ERROR,
@@ -20,7 +21,6 @@ from cubepath.coordinator.experiments.outcomes import (
     MAX_ROUNDS,
     PlayedRun,
 )
-from cubepath.coordinator.experiments.scene_facts import SceneFacts
 from cubepath.coordinator.experiments.setting import FaultRates, Setting
 from cubepath.coordinator.experiments.slow_modules import thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer

@@ -9,10 +9,10 @@ from typing import Any
 
 import msgspec
 
+from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.conductor import Ended, Ending
 from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.plan import Plan, Task
-from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
@@ -117,7 +117,10 @@ class Outcome:
         """
         scene = self.scene
         end = scene.start_state - set(scene.start) | set(self.gathered.sites)
-        return lower_bound(scene.system, scene.start_state, end, within=self.cubes)
+        found: Bound = plugin("lower_bound")(
+            scene.system, scene.start_state, end, within=self.cubes
+        )
+        return found
 
     def recording(self) -> Recording:
         """Open the recording; errors as for `read_recording`."""

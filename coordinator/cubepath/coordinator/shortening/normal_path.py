@@ -18,7 +18,7 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
-from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.shortening.path_input import HasPath, PathInput, input_of, read_input
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.errors import InputError
@@ -90,7 +90,8 @@ class Shortened:
                 apply_in_place(action, state)
         scene = self.given.scene
         system = None if scene is None else scene.system
-        return lower_bound(system, start, frozenset(state), within=self.cubes)
+        found: Bound = plugin("lower_bound")(system, start, frozenset(state), within=self.cubes)
+        return found
 
     @cached_property
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:

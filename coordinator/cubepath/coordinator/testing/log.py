@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.comparison.comparing import diff
+from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.testing.checks import check_name, check_whole
@@ -450,7 +450,7 @@ def _came_of(attempt: Attempt, decision: Decision | None) -> Claimed:
 def _parting(a: Recording, b: Recording) -> list[str]:
     """Return in lines where two runs part, and why."""
     try:
-        parted = diff(a, b)
+        parted = plugin("diff")(a, b)
     except InputError as error:  # nothing that both have on record
         return [short(str(error))]
     lines = [] if parted.same else [short(parted.answer)]

@@ -1,0 +1,1 @@
+"""The commands and options that `theory` adds to the command line."""

@@ -1,0 +1,263 @@
+"""``cubepath shorten --following``: plans whose vehicles may follow, and how they are verified."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
+from cubepath.coordinator.commands.durations import given_durations
+from cubepath.coordinator.commands.files import Output, check_files, file_name
+from cubepath.coordinator.commands.plan_options import hints, solved
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.theory.commands.following_proofs import write_fewest
+from cubepath.coordinator.theory.commands.search_options import check_proof_option
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, opened
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.normal_path import Shortened
+    from cubepath.coordinator.theory.following.optimum import FewestRounds
+    from cubepath.coordinator.theory.following.timetable import FollowingTimetable
+    from cubepath.protocol.path_files.following import FollowingHead
+    from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+
+
+_FOR_CUBES = {
+    "improve": "--improve",
+    "effort": "--effort",
+    "bounds": "--bounds",
+    "max_states": "--max-states",
+}
+"""Options that look for schedules of cubes."""
+
+
+def _is_given(value: object) -> bool:
+    return value is not None and value is not False  # 0 is given
+
+
+def add_following_options(shorten: argparse.ArgumentParser) -> None:
+    """Add ``--following``."""
+    shorten.add_argument(
+        "--following",
+        choices=("mapf", "cgshop"),
+        metavar="RULE",
+        help="for plans of vehicles: a timetable in which a vehicle may enter what another leaves"
+        " at one time, under the rule of path finding (mapf) or of CG:SHOP 2021 (cgshop); -o then"
+        " writes it, a move a line",
+    )
+
+
+def check_following_options(options: argparse.Namespace) -> None:
+    """Check that the other options fit ``--following``; InputError if one does not."""
+    given = [each for name, each in _FOR_CUBES.items() if _is_given(getattr(options, name))]
+    beyond = next(iter(given), None)
+    if beyond is not None:
+        raise InputError(
+            f"{beyond} is for cubes, in which no vehicle follows: expected no --following with it"
+        )
+    if options.prove is not None and (options.durations is not None or options.duration):
+        raise InputError("--prove counts rounds: expected no --duration with it")
+    check_proof_option(options)
+    if options.certificate is not None:
+        raise InputError(
+            "--certificate is for cubes: with --following, -o writes a timetable that holds its own"
+        )
+    files = [options.input, options.durations]
+    check_files(
+        options,
+        files,
+        Output(options.output, (".jsonl",), stream=True),
+        Output(options.proof, (".proof",)),
+    )
+
+
+def shorten_following(options: argparse.Namespace) -> int:
+    """Do what ``shorten --following`` asks for; InputError if the input is no plan of vehicles."""
+    from cubepath.coordinator.theory.following.files import checked, timetable_file  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.reading import read_vehicle_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.timetable import following_timetable  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.words import chain_in_words  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import write_following  # noqa: PLC0415
+
+    check_following_options(options)
+    durations = given_durations(options)
+    timed = durations is not None
+    with opened(options.input) as file:
+        with progress_bar(None, "following", ""):
+            plan = read_vehicle_plan(file, options.system, hints(options))
+            found = following_timetable(plan, options.following, durations)
+            written = checked(timetable_file(found, timed=timed), plan)
+        shortened = None if found.rotates else _shortened(file, options)
+    with ExitStack() as logs:
+        fewest = _fewest_rounds(found, options, logs)
+        if fewest is not None and fewest.timetable is not None:
+            written = checked(fewest.timetable, plan)
+        proved = [] if fewest is None else write_fewest(options, fewest, written)
+    output: Path | None = options.output
+    if output is not None:
+        write_following(output, written)
+    document = _document(found, timed=timed)
+    if fewest is not None:
+        written_proof = options.proof is not None and fewest.refuted is not None
+        document |= fewest.document()
+        document["proof"] = str(options.proof) if written_proof else None
+    figures, figure_rows = _figures(found, plan, shortened)
+    searched = 0 if fewest is None else fewest.seconds
+    document |= figures | {"seconds": round(figures["seconds"] + searched, 3)}
+    rows = [*_following_rows(found, timed=timed), *_fewest_rows(fewest), *proved, *figure_rows]
+    rows.append(("time", f"{document['seconds']:.2f} s"))
+    if output is not None:
+        rows.append(("written to", file_name(output)))
+    lines = ["", *chain_in_words(found, timed=timed)] if options.explain else []
+    answer(options, document, "\n".join([table(rows), *map(visible, lines)]))
+    return solved(options, plan.unsolved)
+
+
+def _shortened(file: InputFile, options: argparse.Namespace) -> Shortened:
+    from cubepath.coordinator.shortening.normal_path import shortened  # noqa: PLC0415
+    from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
+
+    with progress_bar(None, "shorten", " moves") as bar:
+        return shortened(read_input(file, options.system, hints(options), bar.update))
+
+
+def _fewest_rounds(
+    found: FollowingTimetable, options: argparse.Namespace, logs: ExitStack
+) -> FewestRounds | None:
+    if options.prove is None:
+        return None
+    from cubepath.coordinator.theory.following.optimum import fewest_rounds  # noqa: PLC0415
+
+    with progress_bar(None, "prove", " rounds") as bar:
+
+        def tick(rounds: int) -> None:
+            bar.update(rounds - bar.n)
+
+        return fewest_rounds(
+            found.plan,
+            found.rule,
+            within=int(found.makespan),
+            seconds=options.prove,
+            seed=options.seed,
+            tick=tick,
+            logs=logs,
+        )
+
+
+def _fewest_rows(fewest: FewestRounds | None) -> list[tuple[str, object]]:
+    if fewest is None:
+        return []
+    rows: list[tuple[str, object]] = [
+        ("improved", fewest.rounds),
+        ("lower bound", f"{fewest.lower_bound} ({fewest.proved_by})"),
+        ("optimal", "yes" if fewest.optimal else "not known"),
+    ]
+    if fewest.agreed is not None:
+        rows.append(("agreed", f"{fewest.agreed} (two solvers, without a proof to check)"))
+    told = {"done": "", "time": ", out of time", "interrupt": ", interrupted"}
+    ended = told.get(fewest.ended, f", {fewest.ended}")
+    return [*rows, ("spent on", f"proof {fewest.seconds:.1f} s{ended}")]
+
+
+def _figures(
+    found: FollowingTimetable, plan: VehiclePlan, shortened: Shortened | None
+) -> tuple[dict[str, Any], list[tuple[str, object]]]:
+    """Return the keys and rows that ``shorten`` always has; a plan that rotates has no cubes."""
+    if shortened is not None:
+        document = shortened.document()
+        document["seconds"] = round(shortened.seconds + found.seconds, 3)
+        cubes: list[tuple[str, object]] = [
+            ("cubes", shortened.cubes),
+            ("largest cube", shortened.max_cube_dimension),
+        ]
+    else:
+        document = {
+            "moves": len(plan.moves),
+            "reduced_moves": len(found.starts),
+            "cubes": None,
+            "max_cube_dimension": None,
+            "planner_rounds": plan.rounds,
+            "seconds": found.seconds,
+        }
+        cubes = [("cubes", "none, as vehicles rotate")]
+    rows = [("moves", len(plan.moves)), ("reduced moves", len(found.starts)), *cubes]
+    if plan.rounds is not None:
+        rows.append(("planner's rounds", plan.rounds))
+    return document, rows
+
+
+def _following_rows(found: FollowingTimetable, *, timed: bool) -> list[tuple[str, object]]:
+    from cubepath.protocol.path_files.durations import time_text  # noqa: PLC0415
+
+    rows: list[tuple[str, object]] = [
+        ("following", found.rule),
+        ("makespan" if timed else "rounds", time_text(found.makespan)),
+    ]
+    if found.rotations:
+        rows.append(("rotations", found.rotations))
+    return rows
+
+
+def _document(found: FollowingTimetable, *, timed: bool) -> dict[str, Any]:
+    from cubepath.protocol.path_files.durations import time_text  # noqa: PLC0415
+
+    return {
+        "following": found.rule,
+        "rounds": None if timed else int(found.makespan),
+        "makespan": time_text(found.makespan),
+        "rotations": found.rotations,
+        "chain": [place + 1 for place in found.chain],
+    }
+
+
+def verify_following(options: argparse.Namespace, file: InputFile) -> int:
+    """Check a timetable against its input, as ``cubepath verify FILE --of INPUT`` does."""
+    from cubepath.coordinator.theory.following.reading import read_vehicle_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.proof_checking.following import check_following  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import read_following  # noqa: PLC0415
+
+    if options.cubes is not None:
+        raise InputError(f"{file.path}: a timetable, which has no cubes: expected no --cubes")
+    with progress_bar(None, "verify", ""):
+        timetable = read_following(file)
+        plan = read_vehicle_plan(options.of, options.system, hints(options))
+        found = check_following(timetable, plan)
+    head = timetable.head
+    document = {
+        "ok": not any(found.values()),
+        "checks": [
+            {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
+        ],
+        "moves": len(plan.moves),
+        "reduced_moves": None if head.cancelled is None else head.moves,
+        "following": head.rule,
+        "rounds": head.rounds,
+        "makespan": head.rounds if head.makespan is None else head.makespan,
+    }
+    width = max(map(len, found))
+    lines = [
+        f"{'ok    ' if why is None else 'FAILED'}  {name:<{width}}  {why or ''}".rstrip()
+        for name, why in found.items()
+    ]
+    wrong = [name for name, why in found.items() if why is not None]
+    if not wrong:
+        lines.append(_proved(head, file_name(options.of)))
+    answer(options, document, "\n".join(map(visible, lines)))
+    if wrong:
+        complain(f"{file.path}: checks failed: {', '.join(wrong)}")
+    return FAILED if wrong else DONE
+
+
+def _proved(head: FollowingHead, of: str) -> str:
+    rounds = f"{head.rounds} round" + "s" * (head.rounds != 1)
+    whole = rounds if head.makespan is None else f"makespan {head.makespan}"
+    if head.cancelled is None:
+        return f"legal under the rule {head.rule}, and ends as {of} does: {whole}"
+    return (
+        f"proved: legal under the rule {head.rule}, and with the moves of {of} and every vertex"
+        f" visited in its order, none is shorter than {whole}"
+    )

@@ -1,0 +1,261 @@
+"""``cubepath verify FILE.proof``: what a proof of optimality proves, checked from the moves on."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
+from cubepath.coordinator.commands.plan_options import hints
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.theory.commands.checked_proofs import (
+    CheckedProof,
+    ClaimedProof,
+    digest,
+    state_text,
+    write_others,
+)
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, Source, opened
+from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.sites import in_order, to_json
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.path_input import PathInput
+    from cubepath.coordinator.theory.proof_checking.optimality import ProvedOptimal, Refutation
+    from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
+
+_SUFFIX = ".proof"
+
+
+def add_proof_options(verify: argparse.ArgumentParser) -> None:
+    """Add ``--cnf`` and ``--drat``."""
+    verify.add_argument(
+        "--cnf",
+        type=output_path,
+        metavar="FILE",
+        help="LOG is a proof of optimality: write the clauses that it refutes, as DIMACS",
+    )
+    verify.add_argument(
+        "--drat",
+        type=output_path,
+        metavar="FILE",
+        help="the same: write its log, for other checkers such as drat-trim",
+    )
+
+
+def is_of_a_proof(options: argparse.Namespace, sources: Sequence[Source]) -> bool:
+    """Return whether a proof of optimality is to be verified; InputError if it is not alone.
+
+    `sources` are what to read for the files, in their order.
+    """
+    both = zip(options.logs, sources, strict=True)
+    proofs = [path for path, source in both if _is_proof(path, source)]
+    if not proofs:
+        if options.cnf is not None or options.drat is not None:
+            raise InputError("--cnf and --drat are for proofs of optimality, expected one")
+        return False
+    if len(options.logs) > 1:
+        raise InputError(
+            f"{proofs[0]}: found {len(options.logs)} files to check, expected one proof"
+        )
+    if options.recover is not None or options.cubes is not None:
+        raise InputError(f"{proofs[0]}: a proof of optimality, expected no --recover, no --cubes")
+    if options.of is None and (options.system or options.format or options.companions):
+        raise InputError("--system, --format and --with are for --of INPUT, expected that")
+    return True
+
+
+def _is_proof(path: Path, source: Source) -> bool:
+    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
+
+    suffix = path.suffix.lower()
+    if suffix in {_SUFFIX, ".mcap", ".json", ".jsonl"}:
+        return suffix == _SUFFIX  # what is something else by its name is read once
+    if isinstance(source, InputFile):
+        return is_proof(source) or is_following_proof(source)
+    with suppress(OSError):  # whoever reads the file says what is wrong with it
+        # Among others, standard input is left to its reader.
+        return (
+            path != STANDARD_INPUT
+            and path.is_file()
+            and (is_proof(source) or is_following_proof(source))
+        )
+    return False
+
+
+def verify_proof(options: argparse.Namespace, source: Source) -> int:
+    """Check a proof of optimality; the exit code is 1 unless it is proved."""
+    from cubepath.coordinator.theory.commands.following_proofs import (  # noqa: PLC0415
+        claimed_following,
+        given_plan,
+    )
+    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
+
+    path: Path = options.logs[0]
+    check_files(options, [path, options.of], Output(options.cnf), Output(options.drat))
+    began = time.monotonic()
+    with progress_bar(None, "verify", " lemmas") as bar, opened(source) as file:
+
+        def tell(what: str, count: int) -> None:
+            bar.set_description(what)
+            bar.update(count if what == "lemmas" else 0)
+
+        following = is_following_proof(file)
+        plan = given_plan(options) if following else None
+        given = None if following else _input(options)
+        try:
+            claimed = (
+                claimed_following(options, file, plan, tell)
+                if following
+                else _claimed(options, file, given, tell)
+            )
+        except CheckError as error:
+            return _refuse(options, error)
+        # Outside: that a file cannot be written says nothing about the proof.
+        write_others(options, claimed)
+        try:
+            found = claimed.checked()
+        except CheckError as error:
+            return _refuse(options, error)
+    seconds = time.monotonic() - began
+    rows = [*found.rows, ("time", f"{seconds:.2f} s")]
+    width = max(len(name) for name, _ in rows)
+    answer(
+        options,
+        found.document | {"seconds": round(seconds, 3)},
+        "\n".join(f"{name:<{width}}  {visible(value)}" for name, value in rows),
+    )
+    if found.proved:
+        return DONE
+    complain(
+        f"{file_name(path)}: not proved: two solvers agree, and there is no log that could be"
+        " checked"
+    )
+    return FAILED
+
+
+def _input(options: argparse.Namespace) -> PathInput | None:
+    if options.of is None:
+        return None
+    from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
+
+    return read_input(options.of, options.system, hints(options))
+
+
+def _claimed(
+    options: argparse.Namespace,
+    file: InputFile,
+    given: PathInput | None,
+    tell: Callable[[str, int], object],
+) -> ClaimedProof:
+    """Return what a proof about cubes claims; CheckError for what already does not hold."""
+    from cubepath.coordinator.theory.proof_checking.optimality import Refutation  # noqa: PLC0415
+    from cubepath.protocol.path_files.optimality_proofs import read_proof  # noqa: PLC0415
+
+    proof = read_proof(file)
+    refutation = Refutation(proof, tell)
+    why = None if given is None else _another_task(refutation, given)
+    if why is not None:
+        raise CheckError(f"{file_name(options.of)} {why}")
+    if options.cnf is not None:
+        _ = refutation.clauses  # which may be wrong, before the file is opened
+
+    def checked() -> CheckedProof:
+        found = refutation.checked()
+        task = _task(refutation)
+        rows = _rows(proof, found)
+        rows[1:1] = _task_rows(task, len(proof.moves))
+        return CheckedProof(found.proved, rows, _document(proof, found) | task)
+
+    return ClaimedProof(refutation.dimacs, proof.log, checked)
+
+
+def _refuse(options: argparse.Namespace, error: CheckError) -> int:
+    name = file_name(options.logs[0])
+    why = str(error).removeprefix(f"{name}: ")
+    answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
+    complain(f"{name}: refused: {why}")
+    return FAILED
+
+
+def _task(refutation: Refutation) -> dict[str, Any]:
+    """Return what a proof is about: its system, None if its moves are listed, and its ends."""
+    proof, scene = refutation.proof, refutation.scene
+    system = None
+    if scene is not None:
+        table = {scene.system.table: scene.system.to_table()}
+        system = {"name": scene.spec, "sha256": digest(table)}
+    return {
+        "system": system,
+        "start": to_json(in_order(proof.start)),
+        "goal": to_json(in_order(proof.goal)),
+    }
+
+
+def _task_rows(task: dict[str, Any], moves: int) -> list[tuple[str, str]]:
+    system = task["system"]
+    listed = f"none, {counted(moves, 'listed move')}"
+    return [
+        ("system", f"{system['name']}, SHA-256 {system['sha256']}" if system else listed),
+        ("start", state_text(task["start"], "sites")),
+        ("goal", state_text(task["goal"], "sites")),
+    ]
+
+
+def _rows(proof: OptimalityProof, found: ProvedOptimal) -> list[tuple[str, str]]:
+    less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
+    has = f"the schedule has {found.cubes}"
+    if found.optimal:
+        has += ": optimal"
+    return [
+        ("proved" if found.proved else "agreed", f"{less}; {has}"),
+        ("solver", proof.solver),
+        ("moves", str(found.moves)),
+        ("variables", str(found.variables)),
+        ("clauses", str(found.clauses)),
+        ("lemmas", str(found.lemmas)),
+    ]
+
+
+def _document(proof: OptimalityProof, found: ProvedOptimal) -> dict[str, Any]:
+    return {
+        "ok": found.proved,
+        "standing": proof.standing,
+        "refuted": found.refuted,
+        "cubes": found.cubes,
+        "optimal": found.optimal,
+        "solver": proof.solver,
+        "moves": found.moves,
+        "variables": found.variables,
+        "clauses": found.clauses,
+        "lemmas": found.lemmas,
+    }
+
+
+def _another_task(refutation: Refutation, given: PathInput) -> str | None:
+    """Return why a proof is not about the start, the end and the moves of an input."""
+    from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
+    from cubepath.coordinator.theory.search.own_ends import ends_of  # noqa: PLC0415
+
+    scene = given.scene
+    start = given.start if scene is None else scene.start_state
+    if start is None:
+        raise InputError(
+            f"{given.source}: what is on at the start is not known, expected --system SYSTEM"
+        )
+    goal = end_of(given.numbered, start)
+    system = None if scene is None else scene.system
+    if system is not None and given.labelled_goals:
+        ends = ends_of(given.actions, start)
+        system = system.with_labels(len(ends))
+        start = frozenset((site, label) for label, site in enumerate(ends))
+        goal = frozenset((site, label) for label, site in enumerate(ends.values()))
+    return refutation.other_task(system, start, goal, given.actions)

@@ -1,0 +1,202 @@
+"""The boundary of a Morse complex: what flows from each critical cell along a matching, compiled.
+
+A face that is matched with a greater cell is replaced by the rest of that cell's boundary, a face
+that is matched with a smaller cell is dropped, and a critical face is reached. Paths only go back
+in the time of the matching, so the latest face comes first and each is replaced once. What replaces
+a face is written down once for all critical cells, in the order in which it is needed. Sources: see
+`homology_groups`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.theory.complexes.chains import Boundary
+from cubepath.coordinator.theory.complexes.incidence import Cells, Numbers
+from cubepath.coordinator.theory.complexes.morse_matching import Matching
+from cubepath.protocol.compiled import compiled
+
+Column: TypeAlias = dict[int, int]
+
+_DROPPED = -(2**31)
+_SMALL, _LARGE = 4, 12
+"""Binary logarithms of the sizes of the blocks of rows in which waiting rows are counted."""
+
+
+class Paths(NamedTuple):
+    """What each row is replaced by: value[i] times node[i], over start[row] <= i < start[row + 1].
+
+    There is a row for each critical cell and for each pair that is reached from one, the last that
+    was removed first. A node is the row of a pair, always a later one, or -1 - c for the critical
+    cell c. critical: the row of each critical cell.
+    """
+
+    start: Numbers
+    node: Cells
+    value: Cells
+    critical: Numbers
+
+
+class _Flow(NamedTuple):
+    """The working state of one column: coefficients of rows, which of them wait, and what it found.
+
+    total: the coefficient of each row, as 64-bit integers, or as Python's integers if 64 bits are
+    too few. waiting: whether a row has one. few, many: how many rows wait in each small and large
+    block. column: the coefficients of critical cells; seen: whether they were reached; reached:
+    those that were, in that order.
+    """
+
+    total: Numbers
+    waiting: NDArray[np.bool_]
+    few: Cells
+    many: Cells
+    column: Numbers
+    seen: NDArray[np.bool_]
+    reached: Cells
+
+
+def paths_along(boundary: Boundary, matching: Matching) -> Paths:
+    """Return the paths along a matching; its critical cells are numbered in ascending order."""
+    times = np.flatnonzero(matching.face == matching.cell)
+    times = times[np.argsort(matching.face[times])]
+    written = _written.for_work(8 * (len(boundary.start) + len(boundary.face)))
+    return written(boundary, matching, len(matching.face) - 1 - times)
+
+
+def morse_columns(paths: Paths, limit: int) -> list[Column] | None:
+    """Return the Morse boundary of every critical cell, as coefficients by critical cell.
+
+    With a limit of 0 it uses Python's integers; otherwise it is compiled, and returns None if a
+    coefficient exceeds the limit.
+    """
+    rows, critical = len(paths.start) - 1, len(paths.critical)
+    run: Callable[[int, Paths, _Flow, int], int] = _flow.for_work(100 * critical)
+    total, column = np.zeros(rows, np.int64), np.zeros(critical, np.int64)
+    if not limit:
+        run = _flow.plain
+        total = cast("Numbers", total.astype(np.object_))
+        column = cast("Numbers", column.astype(np.object_))
+        paths = paths._replace(value=cast("Cells", paths.value.astype(np.object_)))
+    few = np.zeros((rows >> _SMALL) + 1, np.int32)
+    many = np.zeros((rows >> _LARGE) + 1, np.int32)
+    waiting, seen = np.zeros(rows, np.bool_), np.zeros(critical, np.bool_)
+    flow = _Flow(total, waiting, few, many, column, seen, np.empty(critical, np.int32))
+    columns: list[Column] = []
+    for row in paths.critical.tolist():
+        found = run(row, paths, flow, limit)
+        if found < 0:
+            return None
+        here = flow.reached[:found]
+        columns.append(
+            {f: c for f, c in zip(here.tolist(), column[here].tolist(), strict=True) if c}
+        )
+        column[here], seen[here] = 0, False
+    return columns
+
+
+@compiled
+def _written(boundary: Boundary, matching: Matching, critical: Numbers) -> Paths:
+    """Write the rows that can be reached; `critical` holds those of critical cells among all."""
+    rows = len(matching.face)
+    node_of = np.full(len(boundary.start) - 1, _DROPPED, np.int32)
+    for row in range(rows):
+        node_of[matching.face[rows - 1 - row]] = row
+    reached, number = np.zeros(rows, np.bool_), np.empty(rows, np.int32)
+    for place in range(len(critical)):
+        reached[critical[place]] = True
+        node_of[matching.face[rows - 1 - critical[place]]] = -1 - place
+    start = np.zeros(rows + 1, np.int64)
+    # More than enough; what is not written to takes no memory.
+    room = len(boundary.face)
+    node, value = np.empty(room, np.int32), np.empty(room, np.int32)
+    used, kept = 0, 0
+    for row in range(rows):
+        if not reached[row]:
+            continue
+        time = rows - 1 - row
+        cell = matching.cell[time]
+        # The incidence of a pair is its own inverse.
+        sign = 1 if cell == matching.face[time] else -int(matching.unit[time])
+        for i in range(boundary.start[cell], boundary.start[cell + 1]):
+            further = node_of[boundary.face[i]]
+            if further not in (_DROPPED, row):
+                node[used], value[used] = further, sign * boundary.value[i]
+                used += 1
+                if further >= 0:
+                    reached[further] = True
+        number[row] = kept
+        kept += 1
+        start[kept] = used
+    return _renumbered(Paths(start[: kept + 1], node[:used], value[:used], critical), number)
+
+
+@compiled
+def _renumbered(paths: Paths, number: Cells) -> Paths:
+    """Give the rows other numbers, in place."""
+    for i in range(len(paths.node)):
+        if paths.node[i] >= 0:
+            paths.node[i] = number[paths.node[i]]
+    for place in range(len(paths.critical)):
+        paths.critical[place] = number[paths.critical[place]]
+    return paths
+
+
+@compiled
+def _flow(row: int, paths: Paths, flow: _Flow, limit: int) -> int:
+    """Write the column of the critical cell with this row; return how many it reaches.
+
+    Before the call, no row waits, and all coefficients are 0; after it, only those of the reached
+    cells differ from that. Return -1 if a coefficient exceeds the limit; a limit of 0 means none.
+    """
+    factor, found = 1, 0
+    while True:
+        for i in range(paths.start[row], paths.start[row + 1]):
+            node, change = paths.node[i], factor * paths.value[i]
+            if node >= 0:
+                flow.total[node] += change
+                size = abs(flow.total[node])
+                if not flow.waiting[node]:
+                    flow.waiting[node] = True
+                    _count(flow, node, 1)
+            else:
+                cell = -1 - node
+                flow.column[cell] += change
+                size = abs(flow.column[cell])
+                if not flow.seen[cell]:
+                    flow.seen[cell] = True
+                    flow.reached[found] = cell
+                    found += 1
+            if limit and size > limit:
+                return -1
+        factor = 0
+        while factor == 0:
+            row = _next(flow, row)
+            if row == len(flow.waiting):
+                return found
+            factor = flow.total[row]
+            flow.total[row], flow.waiting[row] = 0, False
+            _count(flow, row, -1)
+
+
+@compiled
+def _count(flow: _Flow, row: int, change: int) -> None:
+    flow.few[row >> _SMALL] += change
+    flow.many[row >> _LARGE] += change
+
+
+@compiled
+def _next(flow: _Flow, row: int) -> int:
+    """Return the first row that waits from this one on, or the number of rows."""
+    rows = len(flow.waiting)
+    while row < rows and not flow.waiting[row]:
+        if flow.many[row >> _LARGE] == 0:
+            row = ((row >> _LARGE) + 1) << _LARGE
+        elif flow.few[row >> _SMALL] == 0:
+            row = ((row >> _SMALL) + 1) << _SMALL
+        else:
+            row += 1
+    return min(row, rows)

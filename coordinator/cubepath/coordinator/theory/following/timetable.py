@@ -1,0 +1,289 @@
+"""The least timetable of a plan whose vehicles may follow one another.
+
+A plan is reduced first: a move and the next one along the same edge cancel if neither end of the
+edge is visited between them, and so does a rotation with the one that turns it back. What remains
+visits every vertex in the order of the plan. The timetable is the least solution of these
+inequalities, where move m begins at s(m) and takes d(m):
+
+- a vehicle's next move begins when its last has ended: s(n) >= s(m) + d(m);
+- who enters a vertex waits for the vehicle that left it last, as `rules.wait` says;
+- the moves of a rotation begin together.
+
+The planner's own rounds satisfy them if the planner kept to the rule, so no move is later than in
+the plan. In the order of the plan every move comes after those it waits for, rotations apart, so
+one pass finds the least solution, and for each move an inequality that holds with equality. A chain
+of those from the last move back to the start is as long as the timetable: none is shorter with
+these moves in this order.
+
+These moves do not commute. So there are no cubes here, no homotopy classes, and the timetable is
+the least for this order of visits alone.
+
+It knows neither the heap nor the normal form.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from math import lcm
+
+from cubepath.coordinator.theory.following.rules import Rule, wait
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.path_files.durations import Durations
+from cubepath.protocol.plans.vehicle_plan import VehicleMove, VehiclePlan
+
+Cell = tuple[int, int]
+Pairs = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
+
+    places: tuple[int, ...]
+
+    @property
+    def is_rotation(self) -> bool:
+        """Whether vehicles rotate."""
+        return len(self.places) > 1
+
+
+@dataclass(frozen=True, eq=False)
+class FollowingTimetable:
+    """When each move that is left of a plan begins, under a rule; all places are from 0.
+
+    `cancelled` are the places of moves that undo each other, each pair as (earlier, later), in
+    order of the later. `steps` are what is left, in the order of the plan. `starts`, `durations`
+    and `binding` are by place: `binding` is the place of a move because of which this one begins
+    no earlier, None where it begins at 0. Cancelled moves are in none of the three. `seconds` is
+    how long this took.
+    """
+
+    plan: VehiclePlan
+    rule: Rule
+    cancelled: Pairs
+    steps: tuple[Step, ...]
+    starts: dict[int, Fraction]
+    durations: dict[int, Fraction]
+    binding: dict[int, int | None]
+    seconds: float
+
+    @cached_property
+    def makespan(self) -> Fraction:
+        """When the last move ends."""
+        return max((start + self.durations[k] for k, start in self.starts.items()), default=_ZERO)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether vehicles rotate in the plan, which then has no order of moves one by one."""
+        return any(step.is_rotation for step in steps_of(self.plan))
+
+    @property
+    def rotations(self) -> int:
+        """How many rotations are left."""
+        return sum(step.is_rotation for step in self.steps)
+
+    @cached_property
+    def chain(self) -> tuple[int, ...]:
+        """Places of moves that bind one another, from one that begins at 0 to one that ends last.
+
+        Of the moves that end last, the first in the plan is taken.
+        """
+        found: list[int] = []
+        last = next(
+            (k for k, at in self.starts.items() if at + self.durations[k] == self.makespan), None
+        )
+        while last is not None:
+            found.append(last)
+            last = self.binding[last]
+        return tuple(reversed(found))
+
+
+_ZERO = Fraction(0)
+
+
+def following_timetable(
+    plan: VehiclePlan, rule: Rule, durations: Durations | None = None
+) -> FollowingTimetable:
+    """Return the least timetable of a plan under a rule; each move takes 1 without `durations`.
+
+    InputError if vehicles rotate where the rule has no rotations, or take unequal times for it, and
+    if a duration is given that no move has.
+
+    >>> from pathlib import Path
+    >>> _ = Path("train.json").write_text(
+    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
+    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
+    ... )
+    >>> plan = read_vehicle_plan("train.json")
+    >>> found = following_timetable(plan, "mapf")
+    >>> found.makespan, found.chain
+    (Fraction(1, 1), (0,))
+    """
+    began = time.perf_counter()
+    moves = plan.moves
+    steps = steps_of(plan)
+    for step in steps:
+        if step.is_rotation and rule == "cgshop":
+            raise InputError(
+                f"{_rotation(plan, step)}: under the rule of CG:SHOP 2021 nobody turns into a"
+                " vertex that is being left; expected --following mapf"
+            )
+    cancelled, left = _reduced(plan, steps)
+    taken = _durations(plan, durations)
+    unit = lcm(*(each.denominator for each in taken))
+    times = [each.numerator * (unit // each.denominator) for each in taken]
+    for step in left:
+        if len({times[place] for place in step.places}) > 1:
+            raise InputError(
+                f"{_rotation(plan, step)}: their moves take unequal times; expected one for all,"
+                " as they begin and end together"
+            )
+    starts, binding = _least(moves, left, times, rule)
+    return FollowingTimetable(
+        plan,
+        rule,
+        cancelled,
+        tuple(left),
+        {place: Fraction(start, unit) for place, start in starts.items()},
+        {place: taken[place] for place in starts},
+        binding,
+        round(time.perf_counter() - began, 3),
+    )
+
+
+def steps_of(plan: VehiclePlan) -> list[Step]:
+    """Return the steps of a plan in its order: rotations, and all other moves one by one."""
+    found: list[Step] = []
+    moves = plan.moves
+    place = 0
+    while place < len(moves):
+        end = place + 1
+        # A train, each move into what the one before it leaves, or a rotation, which closes.
+        while not _closes(moves, place, end) and _goes_on(moves, end):
+            end += 1
+        train = tuple(range(place, end))
+        rotates = _closes(moves, place, end)
+        found += [Step(train)] if rotates else [Step((each,)) for each in train]
+        place = end
+    return found
+
+
+def _goes_on(moves: Sequence[VehicleMove], end: int) -> bool:
+    if end == len(moves) or moves[end].round is None:
+        return False
+    before, after = moves[end - 1], moves[end]
+    return before.round == after.round and before.source == after.target
+
+
+def _closes(moves: Sequence[VehicleMove], first: int, end: int) -> bool:
+    return end > first + 1 and moves[first].target == moves[end - 1].source
+
+
+def _reduced(plan: VehiclePlan, steps: Sequence[Step]) -> tuple[Pairs, list[Step]]:
+    """Return the pairs of moves that cancel, and the steps that are left."""
+    moves = plan.moves
+    pairs: list[tuple[int, int]] = []
+    gone: set[int] = set()
+    # For each vertex the steps that visit it and are left so far, the last of them on top.
+    visits: dict[Cell, list[int]] = {}
+    for number, step in enumerate(steps):
+        ends = [visits.setdefault(moves[place].source, []) for place in step.places]
+        if not step.is_rotation:
+            ends.append(visits.setdefault(moves[step.places[0]].target, []))
+        before = {end[-1] if end else -1 for end in ends}
+        last = before.pop()
+        undone = None if before or last < 0 else _undone(moves, steps[last], step)
+        if undone is None:
+            for end in ends:
+                end.append(number)
+        else:
+            for end in ends:
+                end.pop()
+            gone |= {last, number}
+            pairs += undone
+    left = [step for number, step in enumerate(steps) if number not in gone]
+    return tuple(sorted(pairs, key=lambda pair: pair[1])), left
+
+
+def _undone(
+    moves: Sequence[VehicleMove], earlier: Step, later: Step
+) -> list[tuple[int, int]] | None:
+    """Return the pairs of moves by which a step takes back an earlier one, None if it does not."""
+    by_vehicle = {moves[place].vehicle: place for place in earlier.places}
+    found: list[tuple[int, int]] = []
+    for place in later.places:
+        back = moves[place]
+        there = by_vehicle.get(back.vehicle)
+        if there is None or (moves[there].source, moves[there].target) != (
+            back.target,
+            back.source,
+        ):
+            return None
+        found.append((there, place))
+    return found if len(found) == len(earlier.places) else None
+
+
+def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Fraction]:
+    if durations is None:
+        return [Fraction(1)] * len(plan.moves)
+    names = {
+        ends: GeneratorPlacement("edge", ends)
+        for ends in (tuple(sorted((move.source, move.target))) for move in plan.moves)
+    }
+    unused = durations.unused(names.values()) if names else None
+    if unused is not None:
+        raise InputError(f"a duration is given, but {unused} of this path")
+    taken = {ends: durations.of(name) for ends, name in names.items()}
+    return [taken[tuple(sorted((move.source, move.target)))] for move in plan.moves]
+
+
+def _least(
+    moves: Sequence[VehicleMove], steps: Sequence[Step], times: Sequence[int], rule: Rule
+) -> tuple[dict[int, int], dict[int, int | None]]:
+    """Return the earliest start of each move that is left, and the move that binds it."""
+    starts: dict[int, int] = {}
+    binding: dict[int, int | None] = {}
+    own: dict[int, int] = {}  # the last move of each vehicle
+    left: dict[Cell, int] = {}  # the last move that left a vertex
+    for step in steps:
+        begin, binds, bound = 0, None, step.places[0]
+        for place in step.places:
+            move = moves[place]
+            waits = [(own[move.vehicle], times[own[move.vehicle]])] if move.vehicle in own else []
+            before = None if step.is_rotation else left.get(move.target)
+            if before is not None:
+                both = times[before], times[place]
+                waits.append((before, wait(rule, moves[before], move, both)))
+            for earlier, delay in waits:
+                if starts[earlier] + delay > begin:
+                    begin, binds, bound = starts[earlier] + delay, earlier, place
+        for place in step.places:
+            starts[place] = begin
+            binding[place] = binds if place == bound else None
+            own[moves[place].vehicle] = place
+            left[moves[place].source] = place
+        if step.is_rotation and begin:
+            _bind_rotation(step, bound, binding)
+    return starts, binding
+
+
+def _bind_rotation(step: Step, bound: int, binding: dict[int, int | None]) -> None:
+    """Let every move of a rotation but one follow the move whose vertex it enters."""
+    places = step.places
+    ahead = zip(places, (places[-1], *places), strict=False)
+    binding.update((place, before) for place, before in ahead if place != bound)
+
+
+def _rotation(plan: VehiclePlan, step: Step) -> str:
+    """Return the beginning of an error on a rotation: the file, the round, who and where."""
+    moves = [plan.moves[place] for place in step.places]
+    who = [str(move.vehicle) for move in moves]
+    return (
+        f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(who[:-1])} and {who[-1]}"
+        f" rotate at {list(moves[0].source)}"
+    )

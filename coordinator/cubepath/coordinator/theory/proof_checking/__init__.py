@@ -1,0 +1,1 @@
+"""Proofs checked by code that shares nothing with what finds them."""

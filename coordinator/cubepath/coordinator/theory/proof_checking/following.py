@@ -1,0 +1,355 @@
+"""Checking a timetable of vehicles that follow one another against its input.
+
+The timetable is carried out by the definition of its rule (`following_rules`). If it is of the
+moves of its input, the visits of every vertex must come in the order of the plan, and for every
+move the inequality that binds it must hold with equality; so by induction along those inequalities
+no move can be earlier. Nothing here is shared with what computes timetables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
+
+from cubepath.coordinator.theory.proof_checking.following_rules import Cell, why_illegal
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.path_files.durations import time_from, time_text
+from cubepath.protocol.path_files.following import FollowingFile, FollowingLine
+from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+
+FOLLOWING_CHECKS = {
+    "form": "each move of the input is in one cancelled pair or in one line, as in the input",
+    "cancelled": "the moves of a pair undo each other, and nothing that is left comes between them",
+    "reduced": "of the moves that remain none cancel",
+    "order": "every vertex is visited in the order of the input",
+    "rule": "from the starts on, every move is allowed by the rule",
+    "end": "every vehicle ends where the input takes it",
+    "makespan": "the last move ends when the first line says",
+    "least": "a chain of moves that bind one another leads from every move to the start",
+}
+"""The checks of a timetable by name, with what holds if they pass."""
+
+
+def check_following(timetable: FollowingFile, plan: VehiclePlan) -> dict[str, str | None]:
+    """Return for each check that was made why it fails, None if it holds; nothing is raised.
+
+    A timetable of other moves than those of the input is checked for `form`, `rule`, `end` and
+    `makespan` alone: nothing proves it the least.
+
+    >>> from pathlib import Path
+    >>> _ = Path("train.json").write_text(
+    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
+    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
+    ... )
+    >>> plan = read_vehicle_plan("train.json")
+    >>> found = check_following(timetable_file(following_timetable(plan, "mapf")), plan)
+    >>> any(found.values())
+    False
+    """
+    head = timetable.head
+    if head.vehicles != len(plan.starts):
+        return {"form": f"it is of {head.vehicles} vehicles, and the input has {len(plan.starts)}"}
+    if head.cancelled is None:
+        found = {"form": _only_edges(timetable, plan)}
+    else:
+        found = {"form": _same_moves(timetable, plan) or _equal_times(timetable)}
+        if found["form"] is None:
+            found |= _of_the_input(timetable, plan)
+    if found["form"] is None:
+        found["rule"] = why_illegal(timetable, plan)
+        found["end"] = _end(timetable, plan)
+        found["makespan"] = _makespan(timetable)
+    return {name: found[name] for name in FOLLOWING_CHECKS if name in found}
+
+
+def _only_edges(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
+    edges = {frozenset(edge) for edge in plan.edges()}
+    for number, line in enumerate(timetable.lines, 2):
+        if frozenset((line.source, line.target)) not in edges:
+            return f"line {number}: {_goes(line)} is no edge of the workspace"
+        if line.vehicle >= len(plan.starts):
+            return f"line {number}: there is no vehicle {line.vehicle}"
+        if line.move is not None or line.after is not None:
+            return f'line {number}: has "move" or "after", but is of no input by its first line'
+    return None
+
+
+def _same_moves(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
+    head, moves = timetable.head, plan.moves
+    if head.input_moves != len(moves):
+        return f"it is of {head.input_moves} moves, and the input has {len(moves)}"
+    met: set[int] = set()
+    for move in chain.from_iterable(head.cancelled or ()):
+        if not 1 <= move <= len(moves):
+            return f"a pair has move {move}, and the input has {len(moves)} moves"
+        if move in met:
+            return f"move {move} is in two pairs"
+        met.add(move)
+    for number, line in enumerate(timetable.lines, 2):
+        why = _other_move(line, plan, met)
+        if why is not None:
+            return f"line {number}: {why}"
+    missing = next((move for move in range(1, len(moves) + 1) if move not in met), None)
+    return None if missing is None else f"move {missing} of the input is in no pair and no line"
+
+
+def _other_move(line: FollowingLine, plan: VehiclePlan, met: set[int]) -> str | None:
+    """Return how a line differs from its move in the input, and add the move to those met."""
+    move, moves = line.move, plan.moves
+    if move is None or not 1 <= move <= len(moves):
+        return f"is of no move of the input, which has {len(moves)}"
+    if move in met:
+        return f"move {move} is in another line or in a pair too"
+    met.add(move)
+    given = moves[move - 1]
+    if (line.vehicle, line.source, line.target) == (given.vehicle, given.source, given.target):
+        return None
+    return (
+        f"move {move} is of vehicle {given.vehicle} from {site_text(given.source)} to"
+        f" {site_text(given.target)} in the input, not {_goes(line)}"
+    )
+
+
+def _equal_times(timetable: FollowingFile) -> str | None:
+    known: dict[frozenset[Cell], FollowingLine] = {}
+    for number, line in enumerate(timetable.lines, 2):
+        first = known.setdefault(frozenset((line.source, line.target)), line)
+        if _taken(first) != _taken(line):
+            return f"line {number}: {_goes(line)} takes another time than along this edge before"
+    return None
+
+
+def _taken(line: FollowingLine) -> object:
+    begin, end = line.times
+    return end - begin
+
+
+def _goes(line: FollowingLine) -> str:
+    return f"vehicle {line.vehicle}, {site_text(line.source)} to {site_text(line.target)}"
+
+
+def _end(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
+    at = list(plan.starts)
+    for line in sorted(timetable.lines, key=lambda line: line.times):
+        at[line.vehicle] = line.target
+    for who, (found, expected) in enumerate(zip(at, plan.ends, strict=True)):
+        if found != expected:
+            return (
+                f"vehicle {who} ends at {site_text(found)}, in the input at {site_text(expected)}"
+            )
+    return None
+
+
+def _makespan(timetable: FollowingFile) -> str | None:
+    head = timetable.head
+    last = max((line.times[1] for line in timetable.lines), default=None)
+    told = head.rounds if head.makespan is None else time_from(head.makespan)
+    if told != (last or 0):
+        return f"the last move ends at {time_text(last) if last else 0}, the first line says {told}"
+    return None
+
+
+@dataclass
+class _Visits:
+    """The steps of an input: moves at one time, by their numbers, and at each vertex in order."""
+
+    plan: VehiclePlan
+    step_of: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
+    at: dict[Cell, list[tuple[int, ...]]] = field(default_factory=dict[Cell, list[tuple[int, ...]]])
+
+    def __post_init__(self) -> None:
+        for step in _steps(self.plan):
+            self.step_of.update(dict.fromkeys(step, step))
+            for cell in self.cells(step):
+                self.at.setdefault(cell, []).append(step)
+
+    def cells(self, step: tuple[int, ...]) -> list[Cell]:
+        moves = [self.plan.moves[move - 1] for move in step]
+        return list(dict.fromkeys(cell for move in moves for cell in (move.source, move.target)))
+
+    def undo(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
+        """Return whether every move of a step is taken back by one of the other."""
+
+        def told(step: tuple[int, ...], *, back: bool) -> set[tuple[int, Cell, Cell]]:
+            moves = [self.plan.moves[number - 1] for number in step]
+            if back:
+                return {(move.vehicle, move.target, move.source) for move in moves}
+            return {(move.vehicle, move.source, move.target) for move in moves}
+
+        return told(one, back=True) == told(other, back=False)
+
+    def adjacent(self, one: tuple[int, ...], other: tuple[int, ...]) -> Cell | None:
+        """Return a vertex at which another step comes between two steps, None if nowhere."""
+        for cell in self.cells(one):
+            here = self.at[cell]
+            place = here.index(one)
+            if here[place + 1 : place + 2] != [other]:
+                return cell
+        return None
+
+    def remove(self, step: tuple[int, ...]) -> None:
+        for cell in self.cells(step):
+            self.at[cell].remove(step)
+
+
+def _steps(plan: VehiclePlan) -> Iterable[tuple[int, ...]]:
+    """Yield the steps: the moves of a round that rotate together, and every other move alone."""
+    rounds: dict[object, list[int]] = {}
+    for number, move in enumerate(plan.moves, 1):
+        rounds.setdefault((number, None) if move.round is None else move.round, []).append(number)
+    for numbers in rounds.values():
+        leaves = {plan.moves[number - 1].source: number for number in numbers}
+        alone: set[int] = set()
+        rotating: set[int] = set()
+        for number in numbers:
+            if number in rotating:
+                continue
+            walk: dict[int, None] = {number: None}
+            ahead = leaves.get(plan.moves[number - 1].target)
+            while ahead is not None and ahead not in walk and ahead not in alone:
+                walk[ahead] = None
+                ahead = leaves.get(plan.moves[ahead - 1].target)
+            if ahead == number:
+                rotating.update(walk)
+                yield tuple(sorted(walk))
+            else:
+                alone.update(walk)
+                yield (number,)
+
+
+def _of_the_input(timetable: FollowingFile, plan: VehiclePlan) -> dict[str, str | None]:
+    visits = _Visits(plan)
+    lines = {line.move: line for line in timetable.lines if line.move is not None}
+    why = _cancelled(timetable, visits)
+    if why is not None:
+        return {"cancelled": why}
+    return {
+        "cancelled": None,
+        "reduced": _reduced(visits, lines),
+        "order": _order(visits, lines),
+        "least": _Binding(visits, lines, timetable.head.rule).why_not_least(),
+    }
+
+
+def _cancelled(timetable: FollowingFile, visits: _Visits) -> str | None:
+    pairs = timetable.head.cancelled or []
+    if any(one[1] >= other[1] for one, other in pairwise(pairs)):
+        return "the pairs are not in order of their later moves"
+    partner = dict(pairs)
+    gone: set[tuple[int, ...]] = set()
+    for earlier, later in pairs:
+        one, other = visits.step_of[earlier], visits.step_of[later]
+        if one in gone:
+            continue  # of a rotation, whose other moves have been looked at
+        if sorted(partner.get(move, 0) for move in one) != sorted(other):
+            return f"moves {earlier} and {later}: of a rotation not all moves cancel together"
+        if not visits.undo(one, other):
+            return f"move {later} does not undo move {earlier}"
+        between = visits.adjacent(one, other)
+        if between is not None:
+            return f"moves {earlier} and {later}: {site_text(between)} is visited between them"
+        visits.remove(one)
+        visits.remove(other)
+        gone |= {one, other}
+    return None
+
+
+def _reduced(visits: _Visits, lines: dict[int, FollowingLine]) -> str | None:
+    follows = {
+        (cell, one): other for cell, steps in visits.at.items() for one, other in pairwise(steps)
+    }
+    for one in dict.fromkeys(visits.step_of[move] for move in lines):
+        after = {follows.get((cell, one)) for cell in visits.cells(one)}
+        other = after.pop()
+        if not after and other is not None and visits.undo(one, other):
+            return f"move {other[0]} and move {one[0]} undo each other, with nothing between them"
+    return None
+
+
+def _order(visits: _Visits, lines: dict[int, FollowingLine]) -> str | None:
+    for cell, steps in visits.at.items():
+        events = [
+            (lines[move], lines[move].source == cell)
+            for step in steps
+            for move in sorted(step, key=lambda move: lines[move].source != cell)
+            if cell in (lines[move].source, lines[move].target)
+        ]
+        for (one, one_leaves), (other, other_leaves) in pairwise(events):
+            (begin, end), (next_begin, next_end) = one.times, other.times
+            if one_leaves == other_leaves:
+                return f"at {site_text(cell)} move {other.move} comes next to move {one.move}"
+            in_order = begin <= next_begin and end <= next_end if one_leaves else end <= next_begin
+            if not in_order:
+                return f"at {site_text(cell)} move {other.move} is too early after move {one.move}"
+    for step in dict.fromkeys(visits.step_of[move] for move in lines):
+        if len({lines[move].times for move in step}) > 1:
+            return f"moves {', '.join(map(str, step))} rotate, but not at one time"
+    return None
+
+
+class _Binding:
+    """The inequalities that the lines name, each of which must hold with equality."""
+
+    def __init__(self, visits: _Visits, lines: dict[int, FollowingLine], rule: str) -> None:
+        self._lines = lines
+        self._rule = rule
+        self._left_last: dict[int, int] = {}
+        """For each move that enters a vertex, the one by which it was left last before."""
+        for cell, steps in visits.at.items():
+            leaving: int | None = None
+            for step in steps:
+                leaving = next((move for move in step if lines[move].source == cell), leaving)
+                for move in step:
+                    if lines[move].target == cell and leaving is not None:
+                        self._left_last[move] = leaving
+        self._before: dict[int, int] = {}
+        last: dict[int, int] = {}
+        for move in sorted(lines):
+            vehicle = lines[move].vehicle
+            if vehicle in last:
+                self._before[move] = last[vehicle]
+            last[vehicle] = move
+
+    def why_not_least(self) -> str | None:
+        for move, line in self._lines.items():
+            begin = line.times[0]
+            if line.after is None:
+                if begin:
+                    return f'move {move} begins at {time_text(begin)}, and no "after" says why'
+            elif line.after not in self._lines:
+                return f"move {move} is after move {line.after}, which is in no line"
+            elif begin != self._least(move, line.after):
+                return f"move {move} could be earlier for all that move {line.after} does"
+        return self._circle()
+
+    def _least(self, move: int, after: int) -> object:
+        """Return when a move may begin for all that another does, None if that does not bind it."""
+        line, before = self._lines[move], self._lines[after]
+        if self._before.get(move) == after:
+            return before.times[1]
+        if self._left_last.get(move) != after:
+            return None
+        (begin, end), (own_begin, own_end) = before.times, line.times
+        straight = all(
+            a + d == b + c
+            for a, b, c, d in zip(
+                before.source, before.target, line.source, line.target, strict=True
+            )
+        )
+        if self._rule == "cgshop" and not straight:
+            return end
+        return max(begin, end - (own_end - own_begin))
+
+    def _circle(self) -> str | None:
+        known: set[int] = set()
+        for move in self._lines:
+            walk: dict[int, None] = {}
+            here: int | None = move
+            while here is not None and here not in known:
+                if here in walk:
+                    return f"move {here} is after itself, by a circle of moves"
+                walk[here] = None
+                here = self._lines[here].after
+            known.update(walk)
+        return None

@@ -1,0 +1,164 @@
+"""The least number of cubes between two states over all homotopy classes, by exhaustive search.
+
+Breadth first from both ends, a round at a time, where a round is any non-empty set of commuting
+moves. Maximal sets alone are not enough: a vehicle that is already at its goal, with a free place
+beside it, would have to leave in the first round. Single moves alone would minimise something else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.theory.search.budget import SpentError
+from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.protocol.path_files.supports import TRACE, Supports
+
+MAX_STATES = 100_000
+"""The default bound on the number of states."""
+_BITS_MAX = 1 << 31
+"""The bound on the size of all states together, in bits."""
+
+_Parents = dict[int, tuple[int, tuple[int, ...]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """The result of an exhaustive search: no path has fewer cubes than `at_least`.
+
+    `cubes` is a shortest cube path, each cube as the numbers of its moves in `Transitions`, or None
+    if a bound stopped the search first. Then only `at_least` is known. `states` is the number of
+    states that were found.
+    """
+
+    at_least: int
+    cubes: tuple[tuple[int, ...], ...] | None
+    states: int
+
+
+def optimum(
+    steps: Transitions,
+    start: int,
+    goal: int,
+    *,
+    max_states: int = MAX_STATES,
+    most: int | None = None,
+    still: int = 0,
+) -> Optimum:
+    """Return a cube path from `start` to `goal` with the fewest cubes, if the bounds allow it.
+
+    Why no path has fewer. After `a` rounds from the start and `b` from the goal, all states within
+    these distances are known, and none is known from both sides, so no path has a + b cubes or
+    fewer. The first state that the next round finds on the other side gives a path of a + b + 1.
+
+    The search ends as soon as all paths are known to have more than `most` cubes. It keeps at most
+    about `max_states` states, and fewer if they are large; a round of the search is either
+    completed or does not count. Looking at one set of moves is a step of the budget of `steps`;
+    the search stops when the budget is spent.
+    Sites of `still` are not written, so paths are those of the other modules alone.
+    If the goal cannot be reached at all, one side runs out of states, and the answer is the same as
+    if the search was stopped.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
+    >>> moves = Transitions(scene.system)
+    >>> found = optimum(moves, moves.encode(scene.start_state), moves.encode(scene.goal))
+    >>> len(found.cubes), found.at_least
+    (3, 3)
+    """
+    if start == goal:
+        return Optimum(0, (), 1)
+    sides: tuple[_Parents, _Parents] = ({start: (start, ())}, {goal: (goal, ())})
+    fronts = [[start], [goal]]
+    depth = 0
+    while fronts[0] and fronts[1]:
+        if most is not None and depth >= most:
+            break
+        side = 0 if len(fronts[0]) <= len(fronts[1]) else 1
+        known = len(sides[0]) + len(sides[1])
+        room = min(max_states, _BITS_MAX // max(1, len(steps.sites))) - known
+        try:
+            met = _round(steps, fronts, sides, side, (room, still))
+        except SpentError:
+            break
+        if met is not None and met >= 0:
+            path = _joined(sides, met)
+            return Optimum(len(path), path, len(sides[0]) + len(sides[1]))
+        if met is None:
+            break
+        depth += 1
+    return Optimum(depth + 1, None, len(sides[0]) + len(sides[1]))
+
+
+def too_wide(cube: NDArray[np.int32], supports: Supports, max_states: int) -> bool:
+    """Return whether `optimum` is sure to give up before its first round, without asking it.
+
+    `cube` holds actions, rows of `supports`, that commute and are admissible at the start; no other
+    actions exist than these rows.
+
+    Proof. `optimum` takes commuting moves at the start until no more commutes with them, so each of
+    `cube` is taken, or does not commute with one that is: writes what that one needs, or needs what
+    it writes. As moves of a cube write disjoint sites, at a site that an action reads it meets one
+    of them at most, and at a site that it writes those that need the site. If no action meets more
+    than `most` in all its sites, then at least ``len(cube) / most`` moves are taken. It gives up if
+    these have more subsets than there is room for.
+    """
+    (starts, sites, says), places = supports.rows[:3], supports.entries(cube)
+    writes = says[places] & TRACE != 0
+    needed = np.bincount(sites[places], minlength=len(supports.sites))
+    written = np.bincount(sites[places[writes]], minlength=len(supports.sites))
+    meets = np.where(says & TRACE != 0, needed[sites], written[sites])
+    most = int(np.add.reduceat(meets, starts[:-1]).max())
+    return -(-len(cube) // most) > max_states.bit_length()
+
+
+_NOT_MET = -1
+
+
+def _round(
+    steps: Transitions,
+    fronts: list[list[int]],
+    sides: tuple[_Parents, _Parents],
+    side: int,
+    limits: tuple[int, int],
+) -> int | None:
+    """Advance one side by a round.
+
+    `limits` is the number of states that there is room for, and the sites that stay still. Return
+    the state where it meets the other side, `_NOT_MET`, or None if the room is used up.
+    """
+    room, still = limits
+    mine, other = sides[side], sides[1 - side]
+    found: list[int] = []
+    for state in fronts[side]:
+        widest = len(steps.greedy(steps.possible(state, still)))
+        # All subsets of a commuting set lead to different states: too many, so do not begin.
+        if 1 << widest > room + len(mine):
+            return None
+        for there, cube in steps.cubes(state, still):
+            steps.budget.spend()
+            if there in mine:
+                continue
+            mine[there] = state, cube
+            if there in other:
+                return there
+            found.append(there)
+            if len(found) > room:
+                return None
+    fronts[side] = found
+    return _NOT_MET
+
+
+def _joined(sides: tuple[_Parents, _Parents], met: int) -> tuple[tuple[int, ...], ...]:
+    ahead: list[tuple[int, ...]] = []
+    state = met
+    while sides[0][state][1]:
+        state, cube = sides[0][state]
+        ahead.append(cube)
+    behind: list[tuple[int, ...]] = []
+    state = met
+    while sides[1][state][1]:
+        state, cube = sides[1][state]
+        behind.append(cube)
+    return (*reversed(ahead), *behind)

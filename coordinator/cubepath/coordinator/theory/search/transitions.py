@@ -1,0 +1,226 @@
+"""States as integers and moves by number: the graph that searches in a state complex walk on.
+
+A site has a bit, a state is the number with the bits of its sites on, and a move flips the bits of
+its `toggle`. Sites and moves are numbered in the order in which they are met, which depends only on
+the system and the questions. Nothing is enumerated beforehand: the lattice may be infinite.
+
+`cubepath.coordinator.theory.complexes.state_masks` is the form for compiled code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from cubepath.coordinator.theory.search.budget import Budget
+from cubepath.coordinator.theory.search.listed_moves import listed_moves
+from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import System
+from cubepath.protocol.path_files.numbered import NumberedPath
+
+
+class _Row(NamedTuple):
+    """A move that may be made if a site is on: which bits it needs, and their values."""
+
+    number: int
+    need: int
+    shown: int
+    guards: tuple[tuple[int, int], ...]
+
+
+LABELS_MAX = 64
+"""With more labels the supports of vehicles are too large for masks: see `maskable`."""
+
+
+def maskable(system: System | None) -> bool:
+    """Return whether states of the system are small enough to be represented as integers."""
+    return system is None or (system.labels or 0) <= LABELS_MAX
+
+
+class Transitions:
+    """The moves of a system, or of a finite list of actions, on states that are integers.
+
+    `actions` holds the actions by number; `toggle`, `trace` and `support` their masks.
+    """
+
+    def __init__(
+        self,
+        system: System | None,
+        listed: Iterable[Action] | NumberedPath = (),
+        *,
+        budget: Budget | None = None,
+    ) -> None:
+        """Take the moves of `system`, or without one the `listed` actions, or those of a path.
+
+        Searches spend the budget. A SpentError leaves everything that is known here consistent.
+        """
+        self.system = system
+        self.budget = Budget() if budget is None else budget
+        self.actions: list[Action] = []
+        self.toggle: list[int] = []
+        self.trace: list[int] = []
+        self.support: list[int] = []
+        self.sites: list[Site] = []
+        self._discover = None if system is None else system.discovery()
+        # Sites whose moves are known, or that the discovery was told of.
+        self._met = 0
+        self._bits = Ordinals[Site]()
+        self._numbers: dict[Action, int] = {}
+        self._rows: list[list[_Row]] = []
+        # Sites at which nothing moves, so they need not be looked at.
+        self._still = 0
+        self._listed = listed_moves(listed)
+        # Moves that no occupied site proposes, which only a list can have.
+        self._anywhere = [self._row(action, end) for action, end in self._listed.anywhere]
+
+    def bit(self, site: Site) -> int:
+        """Return the number of the bit of a site."""
+        found = self._bits[site]
+        if found == len(self.sites):
+            self.sites.append(site)
+            self._rows.append([])
+        return found
+
+    def encode(self, sites: Iterable[Site]) -> int:
+        """Return the state in which these sites are on."""
+        found = 0
+        for site in in_order(sites):
+            found |= 1 << self.bit(site)
+        return found
+
+    def decode(self, state: int) -> frozenset[Site]:
+        """Return the sites that are on."""
+        return frozenset(self.sites[bit] for bit in bits_of(state))
+
+    def number(self, action: Action) -> int:
+        """Return the number of an action."""
+        found = self._numbers.get(action)
+        if found is None:
+            self.budget.spend()
+            found = self._numbers[action] = len(self.actions)
+            self.actions.append(action)
+            first, second = map(self.encode, action.ends)
+            self.toggle.append(first ^ second)
+            self.trace.append(self.encode(action.trace))
+            self.support.append(self.encode(action.support))
+        return found
+
+    def possible(self, state: int, still: int = 0) -> list[int]:
+        """Return the numbers of the moves that are admissible at the state, each once.
+
+        Moves that write a site of `still` are left out. The rows of movers that stand there are
+        skipped; unless moves are discovered, the system is not asked for them either.
+        """
+        found: dict[int, None] = {}
+        for bit in bits_of(state & ~self._met & (-1 if self._discover else ~still)):
+            self._meet(bit)
+        left = state & ~self._still & ~still
+        while left:
+            low = left & -left
+            left ^= low
+            bit = low.bit_length() - 1
+            for number, need, shown, guards in self._rows[bit]:
+                if state & need == shown and not (guards and _unheld(guards, state)):
+                    found[number] = None
+        for number, need, shown, guards in self._anywhere:
+            if state & need == shown and not (guards and _unheld(guards, state)):
+                found[number] = None
+        if still:
+            return [number for number in found if not self.trace[number] & still]
+        return list(found)
+
+    def _meet(self, bit: int) -> None:
+        """Learn the moves of a site that is on for the first time."""
+        self.budget.spend()
+        site = self.sites[bit]
+        self._met |= 1 << bit
+        if self.system is None:
+            self._rows[bit] += [self._row(action, end) for action, end in self._listed.at(site)]
+        else:
+            ask = self._discover or self.system.moves_at
+            for move in ask(site):
+                rows = self._rows[self.bit(move.source)]
+                rows += [
+                    self._row(move.action, end)
+                    for end in (0, 1)
+                    if all(source in move.action.ends[end] for source, _ in move.motion)
+                ]
+                # A site that had no moves so far may get one later.
+                self._still &= ~(1 << self.bit(move.source))
+        if not self._rows[bit]:
+            self._still |= 1 << bit
+
+    def _row(self, action: Action, end: int) -> _Row:
+        number = self.number(action)
+        guards = tuple(
+            (1 << self.bit(site), 1 << self.bit(neighbour))
+            for site, neighbour in sorted(action.guards, key=site_text)
+        )
+        need = self.encode(action.support - action.free)
+        return _Row(number, need, self.encode(action.ends[end]), guards)
+
+    def commute(self, one: int, other: int) -> bool:
+        """Return whether two moves commute: `actions.commute` on masks."""
+        return not (self.trace[one] & self.support[other] or self.trace[other] & self.support[one])
+
+    def cubes(self, state: int, still: int = 0) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """Yield each non-empty set of commuting moves at the state, with the state after it."""
+        options = self.possible(state, still)
+        with_later = [
+            sum(
+                1 << later
+                for later in range(place + 1, len(options))
+                if self.commute(one, options[later])
+            )
+            for place, one in enumerate(options)
+        ]
+        waiting: list[tuple[int, int, tuple[int, ...]]] = [(state, (1 << len(options)) - 1, ())]
+        while waiting:
+            here, allowed, chosen = waiting.pop()
+            while allowed:
+                low = allowed & -allowed
+                allowed ^= low
+                place = low.bit_length() - 1
+                there = here ^ self.toggle[options[place]]
+                cube = (*chosen, options[place])
+                yield there, cube
+                further = allowed & with_later[place]
+                if further:
+                    waiting.append((there, further, cube))
+
+    def greedy(self, options: Sequence[int]) -> list[int]:
+        """Return a maximal set of commuting moves, built greedily in the order of `options`."""
+        chosen: list[int] = []
+        traces = supports = 0
+        for number in options:
+            if not (self.trace[number] & supports or self.support[number] & traces):
+                chosen.append(number)
+                traces |= self.trace[number]
+                supports |= self.support[number]
+        return chosen
+
+    def states(self, start: State, cubes: Iterable[Iterable[Action]]) -> list[int]:
+        """Return the states before the first cube and after each; none is checked."""
+        found = [self.encode(start)]
+        for cube in cubes:
+            state = found[-1]
+            for action in cube:
+                state ^= self.toggle[self.number(action)]
+            found.append(state)
+        return found
+
+
+def _unheld(guards: tuple[tuple[int, int], ...], state: int) -> bool:
+    return any(state & site and not state & neighbour for site, neighbour in guards)
+
+
+def bits_of(state: int) -> list[int]:
+    """Return the numbers of the bits that are on, in ascending order."""
+    found: list[int] = []
+    while state:
+        low = state & -state
+        found.append(low.bit_length() - 1)
+        state ^= low
+    return found

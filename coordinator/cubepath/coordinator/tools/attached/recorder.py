@@ -1,0 +1,452 @@
+"""A recorder: it attaches to a live run, writes what it hears, and leaves.
+
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: who
+records is a guest, and a router waits for a guest that does not read for a second, and then cuts it
+off. It comes back by itself, and what it missed is counted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+import msgspec
+import zenoh
+
+from cubepath.coordinator.runs.about import About, about_key, find_run
+from cubepath.coordinator.runs.plan import name_part
+from cubepath.coordinator.tools.attached.backlog import Backlog, Heard
+from cubepath.coordinator.tools.attached.guests import guest_at
+from cubepath.coordinator.tools.attached.losses import Losses
+from cubepath.coordinator.tools.attached.parts import Parts, Splitting, numbered
+from cubepath.coordinator.tools.attached.times import Times
+from cubepath.coordinator.tools.attached.topics import Topics
+from cubepath.coordinator.tools.attached.turns import Item, Turns
+from cubepath.coordinator.tools.attached.window import Kept, Window
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.recordings.description import FREE_FORMAT
+from cubepath.protocol.wire.credentials import Credentials
+from cubepath.protocol.wire.keys import everything
+from cubepath.protocol.wire.sessions import open_client, routers_of, watch
+from cubepath.protocol.wire.sockets import is_private
+
+MEMORY_BYTES = 100 << 20
+_STEP_S = 0.05
+_LAST_S = 5.0
+"""So long what still waits is written when a recorder leaves."""
+_QUIET_S = 0.3
+"""A run whose token has gone has ended when nothing more has come for so long."""
+_BACK_S = 10.0
+"""Within this time sessions find a router that was started again."""
+_MEGABYTE = 1_000_000
+
+
+class Recorder:
+    """A recorder of a live run, as a context manager that leaves with its files closed.
+
+    A file that cannot be written ends the recorder, and is told when the block is left.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        log: Path | None,
+        *,
+        run: str | None,
+        topics: Topics,
+        splitting: Splitting,
+        window_s: float | None,
+        memory_bytes: int,
+        credentials: Credentials,
+        patience_s: float,
+        parameters: Mapping[str, str],
+        say: Callable[[str], None],
+    ) -> None:
+        """Attach, and record from now on; the errors are those of `record`."""
+        self.endpoint = endpoint
+        self.ended: str | None = None
+        """Why nothing more is recorded: "run ended", "run gone" without a word of how it ended,
+        "router gone", "stopped" or "failed"."""
+        self.cut_off = 0
+        """How often the router was lost, or cut the recorder off, and was found again."""
+        self.others = 0
+        """How many messages came that are none of a run."""
+        self.left_out = 0
+        """How many messages came that are of no topic that was asked for."""
+        self._topics = topics
+        self._memory_bytes = memory_bytes
+        self._asked: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._snapshots: list[Path] = []
+        self._in_snapshots = 0
+        self._taken = threading.Condition()
+        self._failed: BaseException | None = None
+        self._whole: int | None = None
+        """The first whole round as of the last round that began, or of the first message."""
+        self._begins = False
+        """Whether nothing was written since."""
+        self._summed_up = False
+        """Whether the run has told how it ended."""
+        self._leaving = threading.Event()
+        self._over = threading.Event()
+        self._lock = threading.Lock()
+        self._say = say
+        self._session = open_client(endpoint, patience_s, credentials=credentials)
+        try:
+            self.run = find_run(self._session, endpoint, run, patience_s).run
+            self._window = None if window_s is None else Window(window_s, memory_bytes)
+            self._alive: bool | None = None
+            self._gone_s = self._heard_s = 0.0
+            self._router = routers_of(self._session)
+            self._router_lost_s: float | None = None
+            self._listen()
+            # The router knows who listens before it answers what was asked after that: from the
+            # round on that is told now nothing is missed.
+            about = self.about = find_run(self._session, endpoint, self.run, patience_s)
+            self._times = Times(about)
+            free = about.format == FREE_FORMAT
+            self._losses = Losses(free=free)
+            self._turns = Turns(None if free else _processes(about), from_start=not about.round)
+            self._path = log or _new_name(about)
+            self._parts = Parts(about, self._path, splitting, self._notes, parameters)
+            self._given = parameters
+        except BaseException:
+            self._session.close()
+            raise
+        self._thread = threading.Thread(target=self._work, name="cubepath-recorder", daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        session, run = self._session, self.run
+        self._links = session.info.declare_transport_events_listener(
+            zenoh.handlers.Callback(self._linked, indirect=False)
+        )
+        self._token = watch(session, about_key(run), self._tell_alive)
+        self._backlog = Backlog(session, everything(run), self._memory_bytes)
+        if self._window is not None:
+            name = secrets.token_hex(4)
+            self._queryable = session.declare_queryable(
+                f"cubepath/{run}/recorder/{name}/snapshot",
+                zenoh.handlers.Callback(self._asked.put, indirect=False),
+            )
+
+    # In threads of zenoh.
+
+    def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
+        self._alive = alive
+        self._gone_s = time.monotonic()
+
+    def _linked(self, event: zenoh.TransportEvent) -> None:
+        if event.kind == zenoh.SampleKind.PUT:
+            self.cut_off += 1
+
+    # In the thread of the recorder.
+
+    def _work(self) -> None:
+        try:
+            while self.ended is None:
+                self._hear(self._backlog.take(_STEP_S))
+                self._write_all(self._turns.due())
+                self._parts.flush_if_due()
+                self._answer()
+                self.ended = self._end()
+            self._hear(self._backlog.take(_LAST_S))
+            self._write_all(self._turns.rest())
+            self._answer()
+        except BaseException as error:  # noqa: BLE001 - it is raised where the block is left
+            self._failed = error
+            self.ended = "failed"
+        finally:
+            try:
+                if self._window is None:
+                    self._parts.close()
+            except CubepathError as error:
+                self._failed = self._failed or error
+            self._over.set()
+            with self._taken:
+                self._taken.notify_all()
+
+    def _hear(self, heard: Iterable[Heard]) -> None:
+        """Take note of what came, and write what is next in order."""
+        each = None
+        for each in heard:
+            topic, wanted = self._topics.of(each.key)
+            if topic is None:
+                self.others += 1
+                continue
+            with self._lock:
+                head = self._losses.take(topic, each)
+            item = Item(topic, each, head, wanted)
+            self._write_all(self._turns.put(item))
+        if each is not None:
+            self._heard_s = time.monotonic()
+
+    def _write_all(self, items: Iterable[Item]) -> None:
+        for item in items:
+            self._write(item)
+
+    def _write(self, item: Item) -> None:
+        """Write a message if it is wanted, or keep it for a snapshot."""
+        topic, heard, head, wanted = item
+        kind = topic.partition("/")[0]
+        self._summed_up = self._summed_up or kind == "summary"
+        at, begins, round_begins = self._times.of(kind, heard, head)
+        if round_begins or self._whole is None:
+            # What is not wanted begins a round as well: the next that is written is its first.
+            self._whole, self._begins = begins, True
+        if not wanted:
+            self.left_out += 1
+            return
+        if self._times.is_repeated(topic, heard.data):
+            return
+        begins = self._whole if self._begins else begins
+        if self._window is not None:
+            self._window.put(Kept(topic, heard.data, at, heard.wall_ns, begins))
+        else:
+            self._parts.write(
+                topic,
+                heard.data,
+                at=at,
+                wall_ns=heard.wall_ns,
+                begins=begins,
+                round_begins=self._begins,
+            )
+        self._begins = False
+
+    def _end(self) -> str | None:
+        """Return why the recorder has to end, None if it goes on."""
+        if self._leaving.is_set():
+            return "stopped"
+        now = time.monotonic()
+        routers = routers_of(self._session)
+        if not routers:
+            if self._summed_up:  # a router of its own ends with the run
+                return self._how_it_ended()
+            self._router_lost_s = self._router_lost_s or now
+            gone = is_private(self.endpoint) and not _socket(self.endpoint).exists()
+            over = gone or now - self._router_lost_s > _BACK_S
+            # The router of a replay is its own, and goes with it.
+            gone = gone or self.about.is_replay
+            return (self._how_it_ended() if gone else "router gone") if over else None
+        if routers != self._router:
+            self._router, self._gone_s = routers, now
+        self._router_lost_s = None
+        # After a restart of the router it takes a while until its token is there again.
+        patience_s = _QUIET_S if not self.cut_off else _BACK_S
+        if self._alive is False and now - max(self._gone_s, self._heard_s) > patience_s:
+            return self._how_it_ended()
+        return None
+
+    def _how_it_ended(self) -> str:
+        return "run ended" if self._summed_up else "run gone"
+
+    def _answer(self) -> None:
+        """Write the snapshots that were asked for."""
+        while not self._asked.empty():
+            query = self._asked.get_nowait()
+            path = self._snapshot()
+            with self._taken:
+                self._snapshots.append(path)
+                self._taken.notify_all()
+            if query is not None:
+                with contextlib.suppress(zenoh.ZError):  # who asked may be gone
+                    query.reply(query.key_expr, msgspec.json.encode({"log": str(path.absolute())}))
+
+    def _snapshot(self) -> Path:
+        if self._window is None:
+            raise AssertionError("a snapshot without a window")  # it is not asked for then
+        number = len(self._snapshots)
+        path = numbered(self._path, number)
+        kept = self._window.at(time.time_ns())
+        given = {**self._given, "snapshot": str(number)}
+        parts = Parts(self.about, path, Splitting(), self._notes, given)
+        for each in kept:
+            parts.write(
+                each.topic,
+                each.data,
+                at=each.at,
+                wall_ns=each.wall_ns,
+                begins=each.begins,
+                round_begins=False,
+            )
+        parts.close()
+        self._in_snapshots += len(kept)
+        self._say(f"{path}: {counted(len(kept), 'message')} written")
+        return path
+
+    def _notes(self) -> dict[str, str]:
+        """Return what a file says at its end of what is missing."""
+        return {
+            "lost": msgspec.json.encode(self.lost).decode(),
+            "cut_off": str(self.cut_off),
+            "others": str(self.others),
+            "left_out": str(self.left_out),
+        }
+
+    # For whoever records.
+
+    @property
+    def logs(self) -> list[Path]:
+        """Return the files so far, in their order; the last may be in work."""
+        return list(self._parts.paths if self._window is None else self._snapshots)
+
+    @property
+    def messages(self) -> int:
+        """Return how many messages were written, or lie in snapshots."""
+        return self._parts.messages + self._in_snapshots
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Return how many messages are known to be missing, by topic or by who numbers them."""
+        with self._lock:
+            found = self._losses.by_sender()
+        return {
+            each: count
+            for each, count in found.items()
+            if not each.startswith(("said/", "reports/")) or self._topics.has(each)
+        }
+
+    @property
+    def room(self) -> int:
+        """Return how many messages wait to be written at most; then who publishes has to wait."""
+        return self._backlog.most
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until the run ends, or for so long; return whether the recorder has ended."""
+        return self._over.wait(timeout_s)
+
+    def snapshot(self) -> Path:
+        """Write what came in the last seconds; return the file.
+
+        InputError if the recorder was not asked to keep them, CheckError if it has ended.
+        """
+        if self._window is None:
+            raise InputError("snapshot: the recorder writes all it hears, expected --snapshot")
+        with self._taken:
+            expected = len(self._snapshots) + 1
+            self._asked.put(None)
+            self._taken.wait_for(
+                lambda: len(self._snapshots) >= expected or self._over.is_set(), _BACK_S
+            )
+            if len(self._snapshots) < expected:
+                raise CheckError(f"the recorder has ended ({self.ended}): expected one at work")
+            return self._snapshots[expected - 1]
+
+    def request_snapshot(self) -> None:
+        """Have what came in the last seconds written, without waiting for it; as in a signal."""
+        if self._window is not None:
+            self._asked.put(None)
+
+    def stop(self) -> None:
+        """Leave: write what has been heard, and close the file; nothing if that has been done.
+
+        CheckError if it could not be written.
+        """
+        self._leaving.set()
+        self._thread.join()
+        with self._backlog.emptied(), contextlib.suppress(zenoh.ZError):
+            self._session.close()
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+
+    def __enter__(self) -> Self:
+        """Return the recorder, which is at work."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave."""
+        self.stop()
+
+
+def record(
+    endpoint: str,
+    log: Path | str | None = None,
+    *,
+    run: str | None = None,
+    topics: Sequence[str] = (),
+    exclude: Sequence[str] = (),
+    split_megabytes: float | None = None,
+    split_seconds: float | None = None,
+    snapshot_seconds: float | None = None,
+    memory_megabytes: float = MEMORY_BYTES / _MEGABYTE,
+    secure: Path | str | None = None,
+    patience_s: float = 10.0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Recorder:
+    """Attach to a live run and record it from outside, as ``cubepath record --connect`` does.
+
+    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
+    `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
+    `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
+    written but the last seconds, when `Recorder.snapshot` asks for them. So many megabytes wait to
+    be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
+
+    InputError for bad options, CheckError if no run answers within `patience_s` seconds,
+    CubepathError if there is no router at the endpoint.
+
+    >>> from cubepath.protocol import read_recording
+    >>> with start("hex:n=4", processes=1, log="logs/inside.mcap") as running:
+    ...     with record(running.endpoint, "logs/outside.mcap") as recorder:
+    ...         outcome = running.play()
+    ...         recorder.wait(10)
+    True
+    >>> verify("logs/outside.mcap").ok, recorder.lost
+    (True, {})
+    """
+    credentials = guest_at(endpoint, secure)
+    for name, value in (
+        ("split_megabytes", split_megabytes),
+        ("split_seconds", split_seconds),
+        ("snapshot_seconds", snapshot_seconds),
+        ("memory_megabytes", memory_megabytes),
+    ):
+        if value is not None and not value > 0:
+            raise InputError(f"{name}={value}: expected more than 0")
+    if snapshot_seconds is not None and (split_megabytes or split_seconds):
+        raise InputError("snapshot_seconds: each snapshot is one file, expected no splitting")
+    parameters = {}
+    if topics:
+        parameters["topics"] = " ".join(topics)
+    if exclude:
+        parameters["exclude"] = " ".join(exclude)
+    return Recorder(
+        endpoint,
+        None if log is None else Path(log),
+        run=run,
+        topics=Topics(topics, exclude),
+        splitting=Splitting(
+            None if split_megabytes is None else int(split_megabytes * _MEGABYTE), split_seconds
+        ),
+        window_s=snapshot_seconds,
+        memory_bytes=int(memory_megabytes * _MEGABYTE),
+        credentials=credentials,
+        patience_s=seconds("patience_s", patience_s),
+        parameters=parameters,
+        say=say,
+    )
+
+
+def _socket(endpoint: str) -> Path:
+    return Path(endpoint.partition("/")[2])
+
+
+def _processes(about: About) -> int:
+    """Return how many processes a run says that it has; 1 if that is malformed."""
+    told = about.parameters.get("processes", "")
+    return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
+
+
+def _new_name(about: About) -> Path:
+    family = name_part(about.parameters.get("family", "")) or "run"
+    now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    return Path("logs") / f"{family}-attached-{now}.mcap"

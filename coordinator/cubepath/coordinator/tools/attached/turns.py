@@ -1,0 +1,160 @@
+"""What was heard of a run with rounds, in an order in which the coordinator can have heard it.
+
+A router keeps the order of each who speaks, not that between them: what a process has answered may
+come after what the coordinator says next because of it, or before what the process was asked. Then
+one waits for the other, for a short while. Touches no network.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeAlias
+
+from cubepath.coordinator.tools.attached.backlog import Heard
+from cubepath.coordinator.tools.attached.losses import Head
+
+_HELD_S = 1.0
+"""So long something waits at most: what it waits for may be lost."""
+_HELD_MAX = 1 << 14
+_RANKS = {"join": 0, "sense": 1, "observe": 2, "claim": 3, "settle": 4, "over": 5}
+_TOLD_IN = {"reports": "settle", "observations": "observe", "again": "sense", "waiting": "sense"}
+"""Messages that name no phase, or none that counts, with the first in which they can come."""
+Stage: TypeAlias = tuple[int, int]
+"""A round and the rank of a phase in it."""
+_JOIN: Stage = (0, 0)
+
+
+class Item(NamedTuple):
+    """A message on its way to the recording."""
+
+    topic: str
+    heard: Heard
+    head: Head | None
+    wanted: bool
+
+
+class Turns:
+    """Puts messages in order: answers after what they answer, and the next `go` after them."""
+
+    def __init__(
+        self,
+        processes: int | None,
+        *,
+        from_start: bool,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin before the first `go` of a run of so many processes, or anywhere in a run.
+
+        In the middle of a run messages pass as they come until a phase begins. Those of a run
+        without rounds (None) tell by versions what they follow from, and pass.
+        """
+        self._paced = processes is not None
+        self._processes = max(1, processes or 0)
+        self._clock = clock
+        self._now: Stage | None = _JOIN if from_start and self._paced else None
+        self._ready: set[int] = set()
+        self._reported: set[int] = set()
+        """The processes that have answered, and that have reported, in this phase."""
+        self._orders: deque[tuple[int, Item]] = deque()
+        """What the coordinator says, in its order."""
+        self._early: list[tuple[int, Item]] = []
+        """What processes have answered before it was heard that they were asked."""
+        self._count = 0
+        self._since: float | None = None
+
+    def put(self, item: Item) -> Iterator[Item]:
+        """Yield what may be written now that this has come."""
+        kind, _, sender = item.topic.partition("/")
+        self._count += 1
+        if self._now is None:
+            if kind == "go" and self._paced:
+                self._begin(item)
+            yield item
+            return
+        if sender == "coordinator":
+            self._orders.append((self._count, item))
+        else:
+            stage = _stage(kind, item.head)
+            if stage is not None and stage > self._now:
+                self._early.append((self._count, item))
+            else:
+                self._note(kind, stage, item)
+                yield item
+        if self._orders:
+            yield from self._go_on()
+        if not (self._orders or self._early):
+            self._since = None
+        elif self._since is None:
+            self._since = self._clock()
+        elif len(self._early) + len(self._orders) > _HELD_MAX:
+            yield from self.rest()
+
+    def due(self) -> Iterator[Item]:
+        """Yield what has waited too long, as it came."""
+        if self._since is not None and self._clock() - self._since > _HELD_S:
+            yield from self.rest()
+
+    def rest(self) -> Iterator[Item]:
+        """Yield all that waits, as it came; then all passes until a phase begins."""
+        held = sorted([*self._orders, *self._early], key=lambda each: each[0])
+        self._orders.clear()
+        self._early, self._since, self._now = [], None, None
+        for _, item in held:
+            if item.topic.startswith("go/"):
+                self._begin(item)
+        for _, item in held:  # what was answered in the phase that was begun last counts
+            kind = item.topic.partition("/")[0]
+            self._note(kind, _stage(kind, item.head), item)
+            yield item
+
+    def _go_on(self) -> Iterator[Item]:
+        """Yield what the coordinator says, as far as it was answered what that follows from."""
+        while self._orders and self._may_come(self._orders[0][1]):
+            item = self._orders.popleft()[1]
+            yield item
+            if item.topic.startswith(("go/", "reset/")):
+                self._begin(item)
+                early, self._early = self._early, []
+                for number, each in early:
+                    kind = each.topic.partition("/")[0]
+                    stage = _stage(kind, each.head)
+                    if stage is not None and self._now is not None and stage > self._now:
+                        self._early.append((number, each))
+                    else:
+                        self._note(kind, stage, each)
+                        yield each
+
+    def _may_come(self, item: Item) -> bool:
+        kind, now = item.topic.partition("/")[0], self._now
+        if now is None or len(self._ready) >= self._processes:
+            return True
+        if now == _JOIN and not self._ready:  # they had joined before anyone listened
+            return True
+        if kind == "go":
+            stage = _stage(kind, item.head)
+            return stage is None or stage <= now
+        # The moves of a round are known when all have reported it.
+        settle = item.head is not None and (item.head.round, _RANKS["settle"]) >= now
+        return kind != "edges" or not settle or len(self._reported) >= self._processes
+
+    def _begin(self, item: Item) -> None:
+        stage = _JOIN if item.topic.startswith("reset/") else _stage("go", item.head)
+        if stage is not None and stage != self._now:
+            self._now, self._ready, self._reported = stage, set(), set()
+
+    def _note(self, kind: str, stage: Stage | None, item: Item) -> None:
+        if stage == self._now and item.head is not None:
+            if kind == "ready":
+                self._ready.add(item.head.process)
+            elif kind == "reports":
+                self._reported.add(item.head.process)
+
+
+def _stage(kind: str, head: Head | None) -> Stage | None:
+    """Return the phase of a message; None if it belongs to none."""
+    if head is None:
+        return None
+    rank = _RANKS.get(_TOLD_IN.get(kind) or head.phase or "")
+    return None if rank is None else (head.round, rank)

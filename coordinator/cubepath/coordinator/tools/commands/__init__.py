@@ -1,0 +1,1 @@
+"""The commands that `tools` adds to the command line."""

@@ -1,0 +1,380 @@
+"""The command that draws: ``cubepath view``; `pages` has what it does for a browser."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import DONE, answer, complain
+from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
+from cubepath.coordinator.commands.plan_options import (
+    INPUT_HELP,
+    add_plan_options,
+    hints,
+    solved,
+)
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.tools.commands.live import (
+    add_connect_options,
+    check_no_connect_options,
+    watch_elsewhere,
+)
+from cubepath.coordinator.tools.commands.pages import Drawn, write_page
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
+
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.coordinator.runs.drawing import Sheet
+    from cubepath.protocol.core.system import Scene
+
+
+_NUMBERS = re.compile(
+    r"\d{1,9}(-\d{1,9}(:[1-9]\d{0,8})?)?(,\d{1,9}(-\d{1,9}(:[1-9]\d{0,8})?)?)*", re.ASCII
+)
+_NUMBERS_MAX = 1000
+
+
+def add_commands(command: AddCommand) -> None:
+    """Add the command and its options."""
+    view = command("view", _view)
+    view.add_argument(
+        "input",
+        type=input_path,
+        nargs="?",
+        metavar="INPUT",
+        help=f"{INPUT_HELP}; or cubes, or a certificate with --of; or a system such as hex:n=12 or"
+        " FILE.toml, of which start and goal are drawn",
+    )
+    view.add_argument(
+        "other",
+        type=input_path,
+        nargs="?",
+        metavar="OTHER",
+        help="another run or path, to show beside the first in a browser (.html)",
+    )
+    view.add_argument(
+        "-o",
+        "--output",
+        type=output_path,
+        metavar="PICTURE",
+        help="file to write: .png, .svg, .pdf, .gif for a film, or .html to play it in a browser"
+        " (default: INPUT with .png)",
+    )
+    view.add_argument(
+        "--system", metavar="SYSTEM", help="the system that the moves or cubes of a file are of"
+    )
+    view.add_argument(
+        "--of",
+        type=input_path,
+        metavar="INPUT",
+        help="the path that a certificate is of: it names moves by their numbers there",
+    )
+    add_plan_options(view)
+    view.add_argument(
+        "--what",
+        choices=("run", "schedule", "both"),
+        default="run",
+        help="whose states to show: those of the run, or of the moves or cubes as given (default);"
+        " of the normal cube path; or, in a film, both side by side",
+    )
+    view.add_argument(
+        "--fps",
+        type=number("a number from 0.01 to 50", lambda rate: 0.01 <= rate <= 50),
+        metavar="N",
+        help="frames a second of a film, 0.01 to 50 (default 4)",
+    )
+    add_connect_options(view)
+
+    view.add_argument("--dark", action="store_true", help="draw on dark ground")
+    view.add_argument(
+        "--rounds",
+        type=_numbers,
+        dest="states",
+        metavar="0,4,10-20:5",
+        help="of a picture: the rounds, levels or cubes after which states are shown; 0 is the"
+        " start, and A-B:C every C-th of A to B (default: six, evenly spread)",
+    )
+    view.add_argument("--title", help="of a picture: in place of the name of the system")
+    view.add_argument("--caption", help="of a picture: text below it")
+    view.add_argument(
+        "--parts",
+        choices=("both", "states", "schedule"),
+        help="of a picture: the states alone, the schedule alone, or both (default)",
+    )
+    view.add_argument(
+        "--zoom",
+        action="store_true",
+        default=None,
+        help="of a picture: frame each state around its modules, all at one scale (default: where"
+        " modules on an endless lattice would be too small to read)",
+    )
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    """Return the numbers that a list of numbers and ranges stands for, in its order."""
+    if not _NUMBERS.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: expected numbers and ranges, such as 0,4,10-20 or 0-100:20"
+        )
+    found: list[int] = []
+    for part in text.split(","):
+        ends, _, step = part.partition(":")
+        first, _, last = ends.partition("-")
+        every = range(int(first), int(last or first) + 1, int(step or 1))
+        if not every or len(found) + len(every) > _NUMBERS_MAX:
+            raise argparse.ArgumentTypeError(
+                f"{part!r}: stands for {len(every)} numbers, expected 1 or more, and"
+                f" {_NUMBERS_MAX} in all at most"
+            )
+        found += every
+    return tuple(found)
+
+
+def _sheet(options: argparse.Namespace, path: Path, what: str | None) -> Sheet:
+    """Return how a picture is set out; InputError for what a film or a page does not have."""
+    from cubepath.coordinator.runs.drawing import Sheet  # noqa: PLC0415
+
+    for name in ("states", "title", "caption", "parts", "zoom") if what else ():
+        if getattr(options, name) is not None:
+            option = "rounds" if name == "states" else name
+            raise InputError(f"{path}: {what}, expected --{option} with a picture alone")
+    return Sheet(
+        states=options.states,
+        title=options.title,
+        caption=options.caption,
+        dark=options.dark,
+        parts=options.parts or "both",
+        zoom=options.zoom,
+    )
+
+
+def _view(options: argparse.Namespace) -> int:
+    if options.connect is not None:
+        return watch_elsewhere(options)
+    check_no_connect_options(options)
+    if options.input is None:
+        raise InputError("the following arguments are required: INPUT, or --connect ENDPOINT")
+    scene = _scene_in(options.input)
+    return _view_path(options) if scene is None else _view_scene(options, scene)
+
+
+def _view_path(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415 - only what a command needs
+        PICTURE_SUFFIXES,
+        run_picture,
+    )
+    from cubepath.coordinator.runs.films import (  # noqa: PLC0415
+        FILM_SUFFIXES,
+    )
+    from cubepath.coordinator.tools.viewing.pages import PAGE_SUFFIXES  # noqa: PLC0415
+
+    if options.output is None and options.input == STANDARD_INPUT:
+        raise InputError("standard input: has no name for a picture, expected -o PICTURE")
+    path: Path = options.output or options.input.with_suffix(".png")
+    film, page = path.suffix.lower() in FILM_SUFFIXES, path.suffix.lower() in PAGE_SUFFIXES
+    suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
+    check_files(options, [options.input, options.other, options.of], Output(path, suffixes))
+    if options.fps is not None and not film:
+        what = "a page" if page else "a picture"
+        raise InputError(f"{path}: {what}, expected --fps with a film (.gif) alone")
+    if options.what == "both" and not film:
+        what = "a page" if page else "a picture"
+        raise InputError(f"{path}: {what}, expected --what both with a film (.gif) alone")
+    if page and options.dark:
+        raise InputError(
+            f"{path}: a page, which is dark where its reader prefers that: expected no --dark"
+        )
+    sheet = _sheet(options, path, "a film" if film else "a page" if page else None)
+    if options.other is not None and not page:
+        raise InputError(f"{path}: shows one run, expected a page (.html) for two")
+    both = _inputs(options)
+    drawn = both[0]
+    if page:
+        write_page(both, path)
+        return _written(options, both, path, "page")
+    if film:
+        _film(options, drawn, path)
+    else:
+        cubes, found = drawn.schedule()
+        with progress_bar(None, "draw", ""):
+            run_picture(
+                drawn.scene,
+                drawn.steps,
+                cubes,
+                path,
+                found=found,
+                step_name=drawn.step_name,
+                what="schedule" if options.what == "schedule" else "run",
+                sheet=sheet,
+            )
+    return _written(options, [drawn], path, "picture")
+
+
+def _scene_in(path: Path) -> Scene | None:
+    """Return the scene that an input names or holds; None if it is something else."""
+    from cubepath.protocol.scenes.registry import sound_family  # noqa: PLC0415
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
+
+    spec = str(path)
+    name = spec.partition(":")[0]
+    # Families of other distributions are not loaded for what is a file.
+    there = os.path.exists(spec)  # noqa: PTH110 - never raises
+    named = spec.endswith(".toml") or (not there and sound_family(name) is not None)
+    return scene_from_spec(spec) if named else None
+
+
+def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
+    """Draw the start of a scene, and beside it its goal."""
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, scene_picture  # noqa: PLC0415
+
+    source: Path = options.input
+    given = {"OTHER": options.other, "--system": options.system, "--of": options.of}
+    given |= {"--format": options.format, "--with": options.companions, "--fps": options.fps}
+    given |= {"--rounds": options.states, "--parts": options.parts}
+    given["--what"] = None if options.what == "run" else options.what
+    for name, value in given.items():
+        if value:
+            raise InputError(f"{source}: a scene without a run, expected no {name}")
+    if options.output is None and source.suffix != ".toml":
+        raise InputError(f"{source}: no file, expected -o PICTURE")
+    path: Path = options.output or source.with_suffix(".png")
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        suffixes = ", ".join(PICTURE_SUFFIXES)
+        raise InputError(f"{path}: {source} is a scene without a run, expected {suffixes}")
+    check_files(argparse.Namespace(system=str(source)), [], Output(path, PICTURE_SUFFIXES))
+    scene_picture(scene, path, sheet=_sheet(options, path, None))
+    answer(
+        options,
+        {"system": scene.spec, "picture": str(path)},
+        f"written to {visible(str(path))}",
+    )
+    return DONE
+
+
+def _inputs(options: argparse.Namespace) -> list[Drawn]:
+    found = [_read(options, each) for each in (options.input, options.other) if each is not None]
+    if options.of is not None and all(each.chain is None for each in found):
+        raise InputError(f"{found[0].source}: no certificate, expected no --of")
+    return found
+
+
+def _written(options: argparse.Namespace, drawn: Sequence[Drawn], path: Path, kind: str) -> int:
+    """Say what was written, and of what."""
+    document = {"log": str(drawn[0].source), kind: str(path)}
+    if len(drawn) > 1:
+        document["other"] = str(drawn[1].source)
+    answer(options, document, f"written to {visible(str(path))}")
+    return max(solved(options, each.unsolved) for each in drawn)
+
+
+def _film(options: argparse.Namespace, drawn: Drawn, path: Path) -> None:
+    """Draw a film of the run, of its schedule, or of both side by side."""
+    from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate  # noqa: PLC0415
+    from cubepath.coordinator.runs.side_by_side import animate_beside  # noqa: PLC0415
+
+    rate: float = options.fps or FRAMES_PER_SECOND
+    with progress_bar(None, "film", " frames") as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        if options.what == "both":
+            cubes, found = drawn.schedule()
+            animate_beside(
+                drawn.scene,
+                drawn.steps,
+                cubes,
+                path,
+                found=found,
+                step_name=drawn.step_name,
+                frames_per_second=rate,
+                dark=options.dark,
+                progress=progress,
+            )
+            return
+        as_given = options.what == "run"
+        animate(
+            drawn.scene,
+            drawn.steps if as_given else drawn.schedule()[0],
+            path,
+            step_name=drawn.step_name if as_given else "cube",
+            frames_per_second=rate,
+            dark=options.dark,
+            progress=progress,
+        )
+
+
+def _read(options: argparse.Namespace, path: Path) -> Drawn:
+    if _scene_in(path) is not None:
+        raise InputError(f"{path}: a scene without a run, expected a run or another path")
+    with opened(path) as file:
+        return (_recorded if _is_recording(file) else _from_file)(options, file)
+
+
+def _is_recording(file: InputFile) -> bool:
+    from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415
+
+    # A recording that has lost its first bytes is still refused as a recording, by its name.
+    return is_recording(file) or file.path.suffix.lower() == ".mcap"
+
+
+def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
+    from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    if options.system is not None or options.format is not None or options.companions:
+        raise InputError(
+            f"{file.path}: a recording, which says itself what its system is: expected no --system,"
+            " --format or --with"
+        )
+    with progress_bar(None, "read", ""):
+        recording = read_recording(file)
+    for problem in recording.problems:
+        complain(f"{file.path}: {problem}; drawing what could be read")
+    gatherer = gathered_in_full(recording)
+    if recording.problems and gatherer.unfinished is not None:
+        complain(f"{file.path}: {gatherer.unfinished}; nothing is drawn from there on")
+    steps = [step.actions for step in gatherer.steps]
+    return Drawn(
+        file.path,
+        recording.scene,
+        "level" if recording.clock == "free" else "round",
+        steps,
+        lambda: (gatherer.heap.cube_path(), gatherer.heap.normal_form()),
+        recording=recording,
+    )
+
+
+def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
+    from cubepath.coordinator.shortening.path_steps import (  # noqa: PLC0415
+        certified_steps,
+        is_certificate,
+        read_steps,
+    )
+
+    with progress_bar(None, "view", " moves") as bar:
+        if is_certificate(file):
+            if options.of is None:
+                raise InputError(
+                    f"{file.path}: a certificate, which has the numbers of moves alone: expected"
+                    " --of INPUT"
+                )
+            found = certified_steps(file, options.of, options.system, hints(options), bar.update)
+        else:
+            found = read_steps(file, options.system, hints(options), bar.update)
+    return Drawn(
+        file.path,
+        found.scene,
+        found.step_name,
+        found.steps,
+        lambda: (found.cubes, found.normal_form),
+        found.unsolved,
+        chain=found.chain,
+    )

@@ -1,0 +1,386 @@
+"""Comparing two runs: what differs first, and why.
+
+Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
+from versions is compared; of anything else, and of a run with rounds and one without, the moves
+are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from cubepath.coordinator.runs.contents import counted_processes
+from cubepath.coordinator.tools.comparison.asking import (
+    COMPARED_KINDS,
+    check_asked,
+    check_compared,
+    check_use,
+)
+from cubepath.coordinator.tools.comparison.compared import Compared
+from cubepath.coordinator.tools.comparison.families import compare_families, parent_notes
+from cubepath.coordinator.tools.comparison.free import compare_free
+from cubepath.coordinator.tools.comparison.lockstep import Asked, Parting, SideBySide
+from cubepath.coordinator.tools.comparison.moves import (
+    compare_files,
+    compare_paths,
+    scenes_text,
+    states_text,
+)
+from cubepath.coordinator.tools.comparison.reading import Reading
+from cubepath.coordinator.tools.comparison.reasons import explain_choice, explain_outcome
+from cubepath.coordinator.tools.comparison.results import (
+    NAMES,
+    NO_ROUNDS,
+    ChoiceDifference,
+    MessageDifference,
+    Paths,
+)
+from cubepath.coordinator.verification.round_spans import rounds_text
+from cubepath.coordinator.verification.transcript import OutOfOrder
+from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
+from cubepath.protocol.wire.messages import Summary
+
+_OF_PROCESSES = re.compile(r"process_\d+")
+_RESULTS = ("ended", "rounds", "moves", "reduced_moves", "cubes", "max_cube_dimension",
+            "goal_reached", "path_digest")  # fmt: skip
+"""What the coordinator says of a run, and does not depend on the machine."""
+
+
+def diff(
+    a: Recording | Source,
+    b: Recording | Source,
+    *,
+    ignore: Collection[str] = (),
+    context: int = 0,
+    rounds: tuple[int, int | None] = (1, None),
+    system: str | None = None,
+) -> Compared:
+    """Return where two runs part, and why.
+
+    The order is that of the run: by round, phase, kind and module, never by arrival, and not by how
+    modules were dealt to processes. As the choices of a round can differ only by what differs
+    before it, by the rule, or by what was drawn, the first choice that differs is where the runs
+    part; its cause is found by asking the rule again.
+
+    >>> found = diff("logs/golden/agv-6.mcap", "logs/golden/agv-6.mcap")
+    >>> found.same, found.message, found.paths.moves
+    (True, None, (38, 38))
+
+    Args:
+        a: a recording or its file, or any file of moves that `shorten` takes.
+        b: the other one.
+        ignore: parameters that are not listed, and kinds of messages that are not compared.
+        context: so many messages before and after the first that differs are told, of its round.
+        rounds: the first and the last round to be compared; None is the last there is. Only of
+            runs with rounds.
+        system: the system that moves of a file of moves name; by default, beside a recording, that
+            of the recording.
+
+    Runs of systems of two families are compared by how they ended alone. A damaged recording, one
+    that begins late, and one from which messages were taken are compared as far as they have what
+    the other has, and `notes` says so.
+
+    InputError if a file cannot be read, or is neither, if there is nothing to compare, and if
+    `ignore`, `context`, `rounds` or `system` is of no use for these two; CheckError as for
+    `shorten`.
+    """
+    asked = Asked(rounds[0], rounds[1], frozenset(ignore), context)
+    check_asked(asked)
+    with ExitStack() as stack:
+        one, two = (_recording(each, stack) for each in (a, b))
+        check_use(one, two, asked, system)
+        if not isinstance(one, Recording) or not isinstance(two, Recording):
+            return _moves_alone(one, two, system)
+        parameters = _parameters(one, two, ignore)
+        scene = scenes_text(one.scene, two.scene)
+        if one.scene.family != two.scene.family:
+            return compare_families(one, two, parameters, scene)
+        if one.clock != two.clock:
+            return replace(_moves_alone(one, two, system), parameters=parameters)
+        found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
+        # A recording that was read before may be another than the file now is.
+        as_files = not isinstance(a, Recording) and not isinstance(b, Recording)
+        identical = (found.same or as_files) and _identical(one.path, two.path)
+        return replace(
+            found,
+            same=found.same or identical,
+            identical=identical,
+            parameters=parameters,
+            scene=scene,
+            notes=(*parent_notes(one, two), *found.notes),
+        )
+
+
+def _with_rounds(one: Recording, two: Recording, asked: Asked) -> Compared:
+    try:
+        return _lockstep(one, two, asked, in_order=True)
+    except OutOfOrder:
+        return _lockstep(one, two, asked, in_order=False)
+
+
+def _recording(source: Recording | Source, stack: ExitStack) -> Recording | InputFile:
+    """Return a recording that was read already, or read it; of another file, the open file."""
+    if isinstance(source, Recording):
+        return source
+    file = stack.enter_context(opened(source))
+    # What is called a recording and is none is refused as such.
+    is_one = is_recording(file) or file.path.suffix.lower() == ".mcap"
+    return read_recording(file) if is_one else file
+
+
+def _moves_alone(
+    a: Recording | InputFile, b: Recording | InputFile, system: str | None
+) -> Compared:
+    move, paths, scene, notes = compare_files(a, b, system)
+    return Compared(
+        str(a.path),
+        str(b.path),
+        clock="moves",
+        same=paths.identical,
+        identical=False,
+        parameters={},
+        scene=scene,
+        compared="the moves, in their order; nothing else is in both",
+        notes=tuple(notes),
+        move=move,
+        paths=paths,
+    )
+
+
+def _parameters(
+    a: Recording, b: Recording, ignore: Collection[str]
+) -> dict[str, tuple[str | None, str | None]]:
+    one, two = ({"format": each.format, **counted_processes(each)} for each in (a, b))
+    return {
+        key: (one.get(key), two.get(key))
+        for key in {**one, **two}
+        if one.get(key) != two.get(key) and key not in ignore
+    }
+
+
+def _identical(a: Path, b: Path) -> bool:
+    """Return whether two files have the same bytes; False if they are no longer there."""
+    try:
+        if a.stat().st_size != b.stat().st_size or not (a.is_file() and b.is_file()):
+            return False
+        with a.open("rb") as one, b.open("rb") as two:
+            while (block := one.read(1 << 20)) == two.read(1 << 20):
+                if not block:
+                    return True
+    except OSError:
+        pass
+    return False
+
+
+def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Compared:
+    readings = Reading(a, in_order=in_order), Reading(b, in_order=in_order)
+    side_by_side = SideBySide(*readings, asked)
+    parting = side_by_side.go()
+    check_compared(side_by_side, asked)
+    if asked.last is None:
+        _lack_results(readings, parting, asked.ignored)
+    notes = list(_notes(side_by_side))
+    paths = _paths(side_by_side, notes)
+    message = parting.message
+    ends = None
+    odd = readings[0].odd != readings[1].odd
+    alone = any(parting.only)
+    # To a part of a run neither its beginning nor its end counts.
+    if asked.last is None and "summary" not in asked.ignored:
+        ends = _ends(readings)
+    if message is None and not alone and not asked.limited:
+        message = _results(readings, asked.ignored)
+    found = message, parting.outcome, parting.move
+    differs = bool(parting.choices) or any(each is not None for each in found)
+    # What is on record in one run and was not compared is no difference, and may have been one.
+    gaps = any(side_by_side.gaps(side) for side in (0, 1))
+    missing = gaps or any(parting.lacking)
+    late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
+    return Compared(
+        str(a.path),
+        str(b.path),
+        clock="lockstep",
+        same=not (differs or ends is not None or alone or odd or late or missing),
+        identical=False,
+        parameters={},
+        scene=None,
+        compared=_compared(asked, side_by_side),
+        notes=tuple(notes),
+        message=message,
+        choice=_choice((a, b), readings, parting, in_order=in_order),
+        outcome=None if parting.outcome is None else explain_outcome(parting.outcome, a, b),
+        move=parting.move,
+        parted=dict(sorted(parting.choices.items(), key=lambda each: (each[1], each[0]))),
+        states=tuple(parting.states),
+        rounds=tuple(parting.rounds),
+        ends=ends,
+        paths=paths,
+        beginning=None if differs or odd or late or gaps else _beginning(readings, parting),
+        limited=asked.limited
+        or side_by_side.begin > 1
+        or not all(reading.ended for reading in readings),
+    )
+
+
+def _choice(
+    runs: tuple[Recording, Recording],
+    readings: tuple[Reading, Reading],
+    parting: Parting,
+    *,
+    in_order: bool,
+) -> ChoiceDifference | None:
+    if not parting.choices:
+        return None
+    # Of those who chose otherwise in that round first one who did more than note something else.
+    number, _, module = min(
+        (number, module not in parting.acted, module) for module, number in parting.choices.items()
+    )
+    one, two = (each.transcript.own_rules.get(module) for each in readings)
+    found = explain_choice(
+        lambda side: Reading(runs[side], in_order=in_order, first=readings[side].first),
+        number,
+        module,
+        (one, two),
+        parting.moved_apart,
+    )
+    others = (other for other, at in parting.choices.items() if at == number and other != module)
+    return replace(found, also=tuple(sorted(others)))
+
+
+def _lack_results(
+    readings: tuple[Reading, Reading], parting: Parting, ignored: Collection[str]
+) -> None:
+    """Take down which results were left out of one run, and the other has."""
+    for side, reading in enumerate(readings):
+        own, other = (each.transcript for each in (reading, readings[1 - side]))
+        if own.cubes:
+            parting.present[side].add("cube")
+        lacks = {"cube": len(own.cubes) < len(other.cubes)}
+        lacks["summary"] = own.summary is None and other.summary is not None
+        if reading.by_kind:
+            parting.lacking[side].update(
+                kind for kind, lost in lacks.items() if lost and kind not in ignored
+            )
+
+
+def _notes(side_by_side: SideBySide) -> Iterator[str]:
+    parting = side_by_side.found
+    for side, (name, reading) in enumerate(zip(NAMES, side_by_side.readings, strict=True)):
+        yield from (f"{name} {what}" for what in _odd(reading))
+        gaps = side_by_side.gaps(side)
+        if gaps:
+            yield f"{name} does not have {rounds_text(gaps)} as a whole: not compared"
+        kinds = [kind for kind in COMPARED_KINDS if kind in parting.lacking[side]]
+        some = [kind for kind in kinds if kind in parting.present[side]]
+        none = [kind for kind in kinds if kind not in some]
+        if none:
+            yield f"{name} has no {', '.join(none)}: these were not compared"
+        if some:
+            yield f"{name} has not every {', '.join(some)}: those that it lacks were not compared"
+    for side, number in sorted(parting.silent):
+        yield (
+            f"{NAMES[side]}: in round {number} nobody says what was noted before, as another rule"
+            " begins in it, with other notes"
+        )
+    for side, more in enumerate(parting.only):
+        if more:
+            left = "" if parting.followed else "; they were not compared"
+            rounds = counted(more, "more round")
+            yield f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not{left}"
+
+
+def _odd(reading: Reading) -> Iterator[str]:
+    """Yield what is odd with a recording, or missing."""
+    for problem in reading.recording.problems:
+        yield f"is damaged: {problem}"
+    if reading.cut is not None:
+        yield f"has {reading.cut}"
+    for odd in reading.odd:
+        yield f"is odd: {odd}"
+    if reading.first > 1:
+        yield f"begins in round {reading.first}"
+    if reading.cut_off is not None and reading.cut is None:
+        yield f"is cut off: {reading.cut_off}"
+
+
+def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | None:
+    """Return the run after whose last round the other goes on, if nothing of it was lost then."""
+    if not any(parting.only):
+        return None
+    side = 0 if parting.only[1] else 1
+    reading = readings[side]
+    lost = reading.transcript.summary is not None and not reading.ended
+    return None if lost else NAMES[side]
+
+
+def _compared(asked: Asked, side_by_side: SideBySide) -> str:
+    spans = side_by_side.found.compared
+    if not spans:
+        return NO_ROUNDS
+    both = " (the first that both have)" if side_by_side.begin > asked.first else ""
+    return f"{rounds_text(spans)}{both}"
+
+
+def _paths(side_by_side: SideBySide, notes: list[str]) -> Paths | None:
+    one, two = side_by_side.paths
+    if side_by_side.broken:
+        notes.append("rounds are missing in between: the paths are not compared as a whole")
+        return None
+    for name, path in zip(NAMES, (one, two), strict=True):
+        if path.wrong is not None:
+            notes.append(f"{name}: {path.wrong}: the paths are not compared as a whole")
+    if one.wrong is not None or two.wrong is not None:
+        return None
+    scenes = [reading.recording.scene for reading in side_by_side.readings]
+    starts = side_by_side.starts or (scenes[0].start_state, scenes[1].start_state)
+    end = states_text(*side_by_side.ends())
+    return compare_paths(one.actions, two.actions, starts, end, identical=one.identical(two))
+
+
+def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
+    """Return how the runs ended, if otherwise; what a process is called does not count."""
+    told: list[str] = []
+    for reading in readings:
+        summary = reading.transcript.summary
+        if summary is None:
+            told.append("not on record")
+            continue
+        error = "" if summary.error is None else f": {summary.error}"
+        told.append(f"{summary.ended} after round {summary.rounds}{error}")
+    alike = {_OF_PROCESSES.sub("process", each) for each in told}
+    return (told[0], told[1]) if len(alike) > 1 else None
+
+
+def _results(
+    readings: tuple[Reading, Reading], ignored: Collection[str]
+) -> MessageDifference | None:
+    """Return what the coordinator says of two runs in which modules said and did the same."""
+    one, two = (reading.transcript for reading in readings)
+    if one.summary is None or two.summary is None:
+        return None
+    if "cube" not in ignored:
+        for cube, other in zip(one.result, two.result, strict=False):
+            if cube != other:
+                return _message("cube", cube.round, cube, other)
+    if "summary" not in ignored and any(
+        getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS
+    ):
+        return _message("summary", one.summary.round, one.summary, two.summary)
+    return None
+
+
+def _message(kind: str, number: int, a: msgspec.Struct, b: msgspec.Struct) -> MessageDifference:
+    one, two = (msgspec.to_builtins(each) for each in (a, b))
+    names = [*one, *(name for name in two if name not in one)]
+    if isinstance(a, Summary):
+        names = [name for name in names if name in _RESULTS]
+    fields = tuple(name for name in names if one.get(name) != two.get(name))
+    return MessageDifference(number, kind, None, one, two, fields)

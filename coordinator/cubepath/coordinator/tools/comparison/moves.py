@@ -1,0 +1,305 @@
+"""Two edge paths as a whole: equal in the same rounds, up to swapping, up to cancelling."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import replace
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+import msgspec
+
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.shortening.path_input import read_input
+from cubepath.coordinator.tools.comparison.reading import action_text, cut_text
+from cubepath.coordinator.tools.comparison.results import MoveDifference, Paths
+from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.verification.transcript import site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Report
+
+
+class Path:
+    """The moves of a run: for each its round, mover and action, in 16 bytes."""
+
+    def __init__(self, system: System) -> None:
+        """Begin without moves."""
+        self._system = system
+        self._numbers: dict[tuple[str, Site], int] = {}
+        self._actions: list[Action] = []
+        self._moves = array("i")
+        self._places = array("q")
+        self.wrong: str | None = None
+        """Why the path is not known, if a move is none of the system."""
+
+    def add(self, number: int, report: Report) -> None:
+        """Add what a module reports to have done in a round."""
+        if report.move is not None:
+            self.move(number, report.module, report.move.generator, report.move.at)
+
+    def move(self, number: int, module: int, generator: str, at: Json) -> None:
+        """Add a move."""
+        place: Any = site_in(at)  # what is none is none of the system
+        known = self._numbers.get((generator, place))
+        if known is None:
+            try:
+                action = self._system.action(generator, place)
+            except (InputError, TypeError, ValueError, IndexError) as error:
+                self.wrong = self.wrong or f"round {number}, module_{module}: {error}"
+                return
+            known = self._numbers[generator, place] = len(self._actions)
+            self._actions.append(named(action, generator, place))
+        self._moves.append(known)
+        self._places.extend((number, module))
+
+    @property
+    def actions(self) -> list[Action]:
+        """The actions in order."""
+        return [self._actions[number] for number in self._moves]
+
+    def identical(self, other: Path) -> bool:
+        """Return whether both have equal moves, by the same modules in the same rounds."""
+        return self._places == other._places and all(
+            one is two or one == two for one, two in zip(self.actions, other.actions, strict=True)
+        )
+
+
+def named(action: Action, generator: str, place: Site) -> Action:
+    """Return an action with the label that moves have everywhere in a comparison."""
+    one, other = action.ends
+    label = action_text(generator, place)
+    return Action(
+        action.support,
+        action.trace,
+        one,
+        other,
+        free=action.free,
+        guards=action.guards,
+        label=label,
+    )
+
+
+def compare_paths(
+    one: Sequence[Action],
+    other: Sequence[Action],
+    starts: tuple[AbstractSet[Site] | None, AbstractSet[Site] | None],
+    end: str | None,
+    *,
+    identical: bool,
+    end_unknown: str | None = None,
+) -> Paths:
+    """Return how two paths compare as a whole; `end` and `end_unknown` as `Paths` has them."""
+    # Equal moves in equal rounds from one start need no comparing.
+    known = identical and starts[0] == starts[1]
+    same = None if known else difference(one, other, starts)
+    homotopic = same and difference(one, other, starts, homotopic=True)
+    same, homotopic = (
+        each and each.replace("in the first", "in a").replace("in the second", "in b")
+        for each in (same, homotopic)
+    )
+    cubes = _cubes(one)
+    return Paths(
+        (len(one), len(other)),
+        (cubes, cubes if known else _cubes(other)),
+        identical,
+        same,
+        homotopic,
+        end,
+        end_unknown,
+    )
+
+
+def _cubes(actions: Sequence[Action]) -> int:
+    heap = FastHeap()
+    heap.extend(actions)
+    return heap.cubes
+
+
+def states_text(a: AbstractSet[Site] | None, b: AbstractSet[Site] | None) -> str | None:
+    """Return in one line how two states differ, None if they do not or are not known."""
+    if a is None or b is None or a == b:
+        return None
+    told = [
+        f"{', '.join(map(site_text, in_order(some)))} in {name} alone"
+        for some, name in ((a - b, "a"), (b - a, "b"))
+        if some
+    ]
+    return f"on are {'; '.join(told)}"
+
+
+def scenes_text(a: Scene, b: Scene) -> str | None:
+    """Return in one line how two scenes differ first, None if they are equal."""
+    if a.system.to_table() != b.system.to_table():
+        return f"the systems differ: {a.spec}, {b.spec}"
+    if len(a.start) != len(b.start):
+        return f"the numbers of modules differ: {len(a.start)}, {len(b.start)}"
+    for module, sites in enumerate(zip(a.start, b.start, strict=True)):
+        if sites[0] != sites[1]:
+            one, two = map(site_text, sites)
+            return f"the starts differ: module_{module} at {one}, at {two}"
+    return _goals_text(a, b)
+
+
+def _goals_text(a: Scene, b: Scene) -> str | None:
+    if a.goal != b.goal:
+        return f"the goals differ: {states_text(a.goal or frozenset(), b.goal or frozenset())}"
+    for module, goals in enumerate(zip(a.goals, b.goals, strict=False)):
+        if goals[0] != goals[1]:
+            one, two = (", ".join(map(site_text, each)) or "none" for each in goals)
+            return f"the goals of module_{module} differ: {one}; {two}"
+    if len(a.goals) != len(b.goals):
+        return "the goals differ: modules know their own in one of the scenes alone"
+    return None
+
+
+def first_other(one: Sequence[Action], two: Sequence[Action]) -> int | None:
+    """Return where the moves of two paths differ first, from 0; None if they are the same."""
+    both = enumerate(zip_longest(one, two))
+    return next((number for number, (move, other) in both if move != other), None)
+
+
+class FilesCompared(NamedTuple):
+    """What comparing the moves of two files finds."""
+
+    move: MoveDifference | None
+    paths: Paths
+    scene: str | None
+    notes: list[str]
+
+
+def compare_files(
+    a: Recording | Source, b: Recording | Source, system: str | None
+) -> FilesCompared:
+    """Compare the moves of two files of any kind; errors as for `read_input`."""
+    notes: list[str] = []
+    systems = [_system_for(each, other, system) for each, other in ((a, b), (b, a))]
+    for name, given in zip("ab", systems, strict=True):
+        if isinstance(given, Scene):
+            what = f"the moves of {name} are read as those of {given.spec}"
+            notes.append(f"{what}, as the recording is")
+    one, two = (_moves_in(each, given) for each, given in zip((a, b), systems, strict=True))
+    notes += [
+        f"{name} {odd}" for name, each in zip("ab", (one, two), strict=True) for odd in each.odd
+    ]
+    first = first_other(one.actions, two.actions)
+    move = None
+    if first is not None:
+        labels = [_label(each.actions, first) for each in (one, two)]
+        move = MoveDifference(first + 1, None, labels[0], labels[1])
+    scene = None
+    if one.scene is not None and two.scene is not None:
+        scene = scenes_text(one.scene, two.scene)
+    starts = one.start, two.start
+    if (one.scene is None or two.scene is None) and one.start is not None and two.start is not None:
+        # Only of sites that moves of both touch is it known whether they are on.
+        common = _touched(one) & _touched(two)
+        starts = one.start & common, two.start & common
+    identical = first is None and starts[0] == starts[1]
+    paths = compare_paths(one.actions, two.actions, starts, None, identical=identical)
+    end, unknown = _ends(one, two, homotopic=paths.homotopic is None)
+    return FilesCompared(move, replace(paths, end=end, end_unknown=unknown), scene, notes)
+
+
+def _ends(one: _Moves, two: _Moves, *, homotopic: bool) -> tuple[str | None, str | None]:
+    """Return how the states at the end differ, or else why it is not known whether they do."""
+    ends = _end(one), _end(two)
+    if ends[0] is None or ends[1] is None:
+        # Homotopic paths end alike, wherever they begin.
+        return None, None if homotopic else "the moves do not say which sites are on"
+    if one.scene is not None and two.scene is not None:
+        return states_text(*ends), None
+    touched = _touched(one), _touched(two)
+    common = touched[0] & touched[1]
+    apart = states_text(ends[0] & common, ends[1] & common)
+    if apart is not None:
+        return apart, None
+    # What one alone touches is in the other as that began, which is not known.
+    odd = [
+        (name, in_order((end ^ each.start) - common))
+        for name, each, end in (("a", one, ends[0]), ("b", two, ends[1]))
+        if each.start is not None and (end ^ each.start) - common
+    ]
+    if odd:
+        name, sites = odd[0]
+        return None, f"{name} alone has moves of {site_text(sites[0])}, and leaves it changed"
+    return None, None
+
+
+class _Moves(NamedTuple):
+    actions: Sequence[Action]
+    start: AbstractSet[Site] | None
+    scene: Scene | None
+    odd: list[str]
+
+
+def _moves_in(source: Recording | Source, system: str | Scene | None) -> _Moves:
+    if isinstance(source, Recording):
+        path = gathered(source)
+        odd = [f"is damaged: {problem}" for problem in source.problems]
+        cut = cut_text(source)
+        odd += [] if cut is None else [f"has {cut}"]
+        odd += [] if path.unfinished is None else [f"has not all moves: {path.unfinished}"]
+        return _Moves(path.path, source.scene.start_state, source.scene, odd)
+    given = read_input(source, system)
+    return _Moves(given.actions, given.start, given.given_scene, [])
+
+
+def _system_for(
+    source: Recording | Source, other: Recording | Source, system: str | None
+) -> str | Scene | None:
+    """Return the system whose moves a file names: the one given, or that of the other recording."""
+    if isinstance(source, Recording):
+        return None
+    if system is not None or not isinstance(other, Recording) or not _names_generators(source):
+        return system
+    return other.scene
+
+
+def _names_generators(source: Source) -> bool:
+    """Return whether the first line of a file is a move by its generator."""
+    with opened(source) as file:
+        for _, line in file.numbered_lines():
+            try:
+                found: object = msgspec.json.decode(line)
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                return False
+            return isinstance(found, dict) and "generator" in found
+    return False
+
+
+def _label(actions: Sequence[Action], place: int) -> str | None:
+    if place >= len(actions):
+        return None
+    action = actions[place]
+    return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
+
+
+def _touched(moves: _Moves) -> frozenset[Site]:
+    return frozenset[Site]().union(*(action.support for action in moves.actions))
+
+
+def _end(moves: _Moves) -> frozenset[Site] | None:
+    if moves.start is None:
+        return None
+    state = set(moves.start)
+    for action in moves.actions:
+        advance(state, action)
+    return frozenset(state)
+
+
+def advance(state: set[Site], action: Action) -> None:
+    """Make a move in place; of one that is not admissible, as in a damaged record, what it can."""
+    on = frozenset(site for site in action.support - action.free if site in state)
+    one, other = action.ends
+    gone, come = (one, other) if on == one else (other, one)
+    state -= gone
+    state |= come

@@ -1,0 +1,309 @@
+"""The answer of a comparison in words, from what differs on the whole down to one choice."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from cubepath.coordinator.tools.comparison.lockstep import field_text, message_text
+from cubepath.coordinator.tools.comparison.results import (
+    NAMES,
+    NO_ROUNDS,
+    ChoiceDifference,
+    Differences,
+    MessageDifference,
+    OutcomeDifference,
+    Paths,
+    Side,
+)
+from cubepath.coordinator.verification.stages import stages_of
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.plurals import counted
+
+_COLUMN = 38
+"""The width of each of the two columns."""
+_NAME = 15
+"""The width of the names."""
+_ROUNDS_MAX = 8
+"""So many rounds with other moves are shown."""
+_LINE = 100
+_PICTURE = 14
+"""Of pictures with more lines none is shown."""
+_CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
+"""Parameters that are told by so many characters."""
+
+
+def told(found: Differences) -> str:
+    """Return what differs, for people."""
+    lines = [*_line("a", found.a), *_line("b", found.b)]
+    for name, values in found.parameters.items():
+        one, two = (_or_none(_value(name, each)) for each in values)
+        lines += _line(name, f"{one} in a, {two} in b")
+    if found.scene is not None:
+        lines += _line("scene", found.scene)
+    lines += _line("compared", found.compared)
+    for note in found.notes:
+        lines += _line("note", note)
+    lines += _line("answer", answer(found))
+    if found.ends is not None:
+        lines += _line("ended", f"{found.ends[0]} in a, {found.ends[1]} in b")
+    outcome, choice = found.outcome, found.choice
+    # What comes of claims after the first other choice is no news.
+    if outcome is not None and (choice is None or outcome.round < choice.round):
+        lines += ["", *_outcome(outcome)]
+    if choice is not None:
+        lines += ["", *_choice(choice, found)]
+    if found.message is not None:
+        lines += ["", *_message(found.message, found)]
+    moves = [*_moves(found)]
+    lines += ["", *moves] if moves else []
+    return "\n".join(visible(line.rstrip()) for line in lines)
+
+
+def _or_none(value: str | None) -> str:
+    return "none" if value is None else value or "empty"
+
+
+def _value(name: str, value: str | None) -> str | None:
+    """Return a parameter in words: checksums shortened, stages as who follows what from when."""
+    if value is not None and name in _CHECKSUMS and len(value) > _CHECKSUM:
+        return f"{value[:_CHECKSUM]}..."
+    if value is None or name != "stages":
+        return value
+    stages = stages_of(value)
+    told = [
+        f"{', '.join(f'{rule} for {who}' for rule, who in each.rules.items())} from round"
+        f" {each.begins} on (seed {each.seed}, hesitate {each.hesitate})"
+        for each in stages
+    ]
+    return "; ".join(told) or value
+
+
+def _unit(found: Differences) -> str:
+    return {"lockstep": "round", "free": "level"}.get(found.clock, "move")
+
+
+def answer(found: Differences) -> str:
+    """Return where two runs part, in one line."""
+    if found.identical and not found.limited:
+        return "the same bytes"
+    choice, outcome = found.choice, found.outcome
+    if choice is not None and choice.number is not None:
+        return f"they part with commit {choice.number} of {_who(choice)}"
+    if choice is not None and (outcome is None or choice.round <= outcome.round):
+        return f"they part in round {choice.round}, with a choice of {_who(choice)}"
+    if outcome is not None:
+        return f"they part in round {outcome.round}, with the claim of module_{outcome.module}"
+    return _no_choice(found)
+
+
+def _no_choice(found: Differences) -> str:
+    """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
+    if found.clock == "moves" and found.paths is not None:
+        text = "no difference in what was done" if found.same else "they differ"
+    elif found.move is not None and (
+        found.message is None or found.move.round < found.message.round
+    ):
+        text = f"they part in round {found.move.round}, with a move of module_{found.move.module}"
+    elif found.message is not None:
+        text = f"they differ in round {found.message.round}"
+    elif found.same:
+        text = f"the same in {_both(found)}" if found.limited else "the same run"
+    elif found.beginning is not None:
+        text = _beginning(found, found.beginning)
+    elif found.paths is None and found.scene is not None:
+        text = found.scene
+    else:
+        text = f"no difference in {_both(found)}; the notes say more"
+    return text
+
+
+def _both(found: Differences) -> str:
+    return "the commits that both have" if found.clock == "free" else found.compared
+
+
+def _beginning(found: Differences, name: str) -> str:
+    other = NAMES[name == "a"]
+    if found.compared == NO_ROUNDS:
+        return f"{name} ends before the first round, and {other} goes on"
+    where = "" if found.clock == "free" else f" in {found.compared}"
+    return f"{name} is the beginning of {other}: the same{where}, and then {name} ends"
+
+
+def _who(choice: ChoiceDifference) -> str:
+    return f"module_{choice.module}"
+
+
+def _line(name: str, text: str) -> list[str]:
+    """Return a name with a text beside it, over as many lines as it takes."""
+    wrapped = textwrap.wrap(text, _LINE - _NAME, break_long_words=False) or [""]
+    return [f"{name if not number else '':<{_NAME}} {each}" for number, each in enumerate(wrapped)]
+
+
+def _columns(name: str, a: str, b: str) -> Iterator[str]:
+    """Yield two texts beside each other."""
+    one, two = (textwrap.wrap(each, _COLUMN) or [""] for each in (a, b))
+    for number in range(max(len(one), len(two))):
+        cells = [each[number] if number < len(each) else "" for each in (one, two)]
+        yield f"{name if not number else '':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
+
+
+def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
+    where = f"{_unit(found)} {choice.round}, {_who(choice)}"
+    if choice.number is not None:
+        where = f"{_who(choice)}, its commit {choice.number}{_levels(choice)}"
+    if choice.also:
+        others = ", ".join(f"module_{each}" for each in choice.also[:6])
+        more = len(choice.also) - 6
+        where += f" (so do {others}{f' and {more} more' if more > 0 else ''})"
+    yield from _line("first choice", where)
+    a, b = choice.a, choice.b
+    yield from _columns("", "a", "b")
+    rows: list[tuple[str, str, str]] = [
+        ("  sensed", _sensed(a), _sensed(b)),
+        ("  was told", _notes(a), _notes(b)),
+        ("  drew", _drew(a), _drew(b)),
+        ("  chose", a.chose, b.chose),
+    ]
+    if (a.by_rule, b.by_rule) != (a.chose, b.chose) and (a.by_rule or b.by_rule):
+        by_rule = [each.by_rule or "not asked" for each in (a, b)]
+        rows.append(("  by its rule", by_rule[0], by_rule[1]))
+    for name, one, two in rows:
+        if one or two:
+            yield from _columns(name, one, "the same" if one == two else two)
+    for number, line in enumerate(choice.why):
+        yield from _line("  why" if not number else "", line)
+    yield from _pictures(choice)
+
+
+def _levels(choice: ChoiceDifference) -> str:
+    """Return at which level the commit stands in each run, if it has a move."""
+    levels = [
+        f"at level {side.level} in {name}"
+        for name, side in zip(NAMES, (choice.a, choice.b), strict=True)
+        if side.level is not None
+    ]
+    return f", {', '.join(levels)}" if levels else ", of notes alone"
+
+
+def _pictures(choice: ChoiceDifference) -> Iterator[str]:
+    """Yield what the module senses in both runs, side by side, if that is short enough."""
+    if choice.a.picture is None or choice.b.picture is None:
+        return
+    one, two = (each.picture.splitlines() for each in (choice.a, choice.b) if each.picture)
+    if max(len(one), len(two)) > _PICTURE or max(map(len, (*one, *two))) > _COLUMN:
+        return
+    yield from _line("  around it", "own number in brackets, . empty, # obstacle, blank not sensed")
+    for number in range(max(len(one), len(two))):
+        cells = [each[number] if number < len(each) else "" for each in (one, two)]
+        yield f"{'':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
+
+
+def _sensed(side: Side) -> str:
+    by_what: dict[str, list[str]] = {}
+    for place, what in side.sensed.items():
+        by_what.setdefault(what if what.startswith("module_") else f"\0{what}", []).append(place)
+    told = [f"{what} at {places[0]}" for what, places in by_what.items() if what[0] != "\0"]
+    for what, places in by_what.items():
+        if what[0] == "\0":
+            told.append(f"{len(places)} {what[1:]}")
+    return ", ".join(told)
+
+
+def _notes(side: Side) -> str:
+    return ", ".join(f"{who}: {note}" for who, note in side.told.items())
+
+
+def _drew(side: Side) -> str:
+    told = "" if side.drew is None else ", ".join(f"{each:.4f}" for each in side.drew[:4])
+    if side.drew is not None and len(side.drew) > 4:
+        told += f" and {len(side.drew) - 4} more"
+    if side.doubt is not None:
+        told += f"{'; ' if told else ''}{side.doubt:.4f} for hesitation"
+    return told
+
+
+def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
+    yield from _line(
+        "first outcome",
+        f"round {outcome.round}, module_{outcome.module} claims {outcome.claim}:"
+        f" {outcome.a} in a, {outcome.b} in b",
+    )
+    for number, line in enumerate(outcome.why):
+        yield from _line("  why" if not number else "", line)
+
+
+def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
+    who = "" if message.module is None else f" of module_{message.module}"
+    yield from _line("first message", f"{_unit(found)} {message.round}, {message.kind}{who}")
+    if message.a is None or message.b is None:
+        for name, fields in (("a", message.a), ("b", message.b)):
+            yield from _line(f"  {name}", message_text(message.kind, fields) or "has none")
+    else:
+        for name in message.fields:
+            one, two = (
+                field_text(each[name]) if name in each else "none"
+                for each in (message.a, message.b)
+            )
+            yield from _columns(f"  {name}", one, two)
+    for one, two in message.around:
+        mark = " " if one == two else "<" if not two else ">" if not one else "|"
+        yield f"    {mark} {one or two}"
+        if mark == "|":
+            yield f"      {two}"
+
+
+def _moves(found: Differences) -> Iterator[str]:
+    move, unit = found.move, _unit(found)
+    if move is not None:
+        who = "" if move.module is None else f", module_{move.module}"
+        told = [each or "none" for each in (move.a, move.b)]
+        where = f"{unit} {move.round}{who}" if found.clock != "free" else who.removeprefix(", ")
+        yield from _line("first move", f"{where}: {told[0]} in a, {told[1]} in b")
+    for number, apart in enumerate(found.states[:_ROUNDS_MAX]):
+        begin = "from the start" if not apart.begin else f"from the end of {unit} {apart.begin} on"
+        end = (
+            "to the last compared"
+            if apart.end is None
+            else f"together again after {unit} {apart.end}"
+        )
+        yield from _line("states" if not number else "", f"apart {begin}, {end}")
+    if len(found.states) > _ROUNDS_MAX:
+        yield from _line("", f"and apart {counted(len(found.states) - _ROUNDS_MAX, 'more time')}")
+    yield from _table(found.rounds, unit)
+    if found.paths is not None:
+        yield from _paths(found.paths)
+
+
+def _table(rounds: Sequence[tuple[int, int, int, int]], unit: str) -> Iterator[str]:
+    for number, (at, one, two, both) in enumerate(rounds[:_ROUNDS_MAX]):
+        if not number:
+            yield f"{'other moves':<{_NAME}} {unit:>6}  moves in a, in b, in both"
+        bars = "=" * both + "a" * (one - both) + "b" * (two - both)
+        yield f"{'':<{_NAME}} {at:>6}  {one:>4} {two:>4} {both:>4}  {bars[:_COLUMN]}"
+    if len(rounds) > _ROUNDS_MAX:
+        yield from _line("", f"and {counted(len(rounds) - _ROUNDS_MAX, f'more {unit}')}")
+
+
+def _paths(paths: Paths) -> Iterator[str]:
+    if paths.identical:
+        yield from _line("edge paths", f"identical: {counted(paths.moves[0], 'move')}")
+    else:
+        yield from _line("moves", f"{paths.moves[0]} in a, {paths.moves[1]} in b")
+    yield from _line(
+        "cubes",
+        f"{paths.cubes[0]} in both"
+        if paths.cubes[0] == paths.cubes[1]
+        else f"{paths.cubes[0]} in a, {paths.cubes[1]} in b",
+    )
+    if not paths.identical:
+        yield from _line("commutation", _equal(paths.same, "equal up to moves that commute"))
+        yield from _line("homotopy", _equal(paths.homotopic, "homotopic"))
+        end = paths.end or "the same state"
+        yield from _line(
+            "end", end if paths.end_unknown is None else f"not known: {paths.end_unknown}"
+        )
+
+
+def _equal(difference: str | None, word: str) -> str:
+    return word if difference is None else f"not {word}: {difference}"

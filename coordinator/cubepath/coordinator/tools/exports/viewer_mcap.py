@@ -1,0 +1,130 @@
+"""Recordings as MCAP files for other tools: with log times that a time line can show, and in 3-D.
+
+Such a file is for viewers: it is no recording, and no command reads it.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator, Mapping
+from typing import IO, NamedTuple
+
+import msgspec
+
+from cubepath.coordinator.runs.states import states_of
+from cubepath.coordinator.tools.exports.foxglove import Stage
+from cubepath.coordinator.tools.exports.times import Times, numbered
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.appending import McapAppender
+from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.writing import CHUNK_BYTES, TOPICS_MAX
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.on_record import schema_of
+
+PROFILE = "cubepath-export"
+
+
+class _Timed(NamedTuple):
+    """A message with its log time and its publish time in nanoseconds."""
+
+    log_time: int
+    wall_ns: int
+    topic: str
+    data: bytes
+
+
+def write_viewer_mcap(
+    stream: IO[bytes],
+    recording: Recording,
+    *,
+    times: Times,
+    selection: Selection,
+    in_space: bool,
+) -> int:
+    """Write the messages that are taken, and with `in_space` the robot; return their number.
+
+    Topics of a recording are as they are there, as JSON; those of the robot are protobuf.
+    """
+    stage = Stage(recording.scene) if in_space else None
+    said = _said(recording, times, selection)
+    robot = iter(()) if stage is None else _robot(recording, times, selection, stage)
+    appender = McapAppender(stream, PROFILE)
+    told = {"format": PROFILE, "recorded_as": recording.format}
+    appender.add_metadata("cubepath", {**recording.parameters, **told})
+    appender.add_attachment(
+        "scene.toml", "application/toml", scene_to_toml(recording.scene).encode()
+    )
+    channels = _Channels(appender, {} if stage is None else stage.schemas())
+    count = 0
+    for timed in heapq.merge(robot, said, key=lambda timed: timed.log_time):
+        appender.add_message(
+            channels.of(timed.topic), count, timed.log_time, timed.wall_ns, timed.data
+        )
+        count += 1
+        if appender.size > CHUNK_BYTES:
+            appender.close_chunk()
+    appender.finish()
+    return count
+
+
+def _said(recording: Recording, times: Times, selection: Selection) -> Iterator[_Timed]:
+    for number, record in numbered(recording):
+        if selection.keeps(record):
+            log_time = times.at(number, record.wall_ns)
+            yield _Timed(log_time, record.wall_ns, record.topic, record.data)
+
+
+def _robot(
+    recording: Recording, times: Times, selection: Selection, stage: Stage
+) -> Iterator[_Timed]:
+    begun = False
+    for state in states_of(recording):
+        if selection.until is not None and state.round > selection.until:
+            return
+        if selection.first is not None and state.round < selection.first:
+            continue
+        log_time = times.at(state.round, state.wall_ns)
+        if not begun:
+            ground = stage.ground(log_time)
+            yield _Timed(log_time, state.wall_ns, *ground)
+            begun = True
+        for encoded in stage.state(state, log_time):
+            yield _Timed(log_time, state.wall_ns, *encoded)
+
+
+class _Channels:
+    """The channels of a file by topic, added when they are first used."""
+
+    def __init__(
+        self, appender: McapAppender, protobuf: Mapping[str, tuple[str, str, bytes]]
+    ) -> None:
+        self._appender = appender
+        self._protobuf = protobuf
+        self._known: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+
+    def of(self, topic: str) -> int:
+        return self._known.get(topic) or self._add(topic)
+
+    def _add(self, topic: str) -> int:
+        if len(self._known) == TOPICS_MAX:
+            raise InputError(f"{topic}: one more topic than a file can have, {TOPICS_MAX}")
+        schema = self._protobuf.get(topic)
+        if schema is None:
+            kind = topic.partition("/")[0]
+            number = self._schema(
+                f"cubepath.{kind}", "jsonschema", lambda: msgspec.json.encode(schema_of(kind))
+            )
+            encoding = "json"
+        else:
+            name, how, data = schema
+            number = self._schema(name, how, lambda: data)
+            encoding = "protobuf"
+        found = self._known[topic] = self._appender.add_channel(topic, encoding, number)
+        return found
+
+    def _schema(self, name: str, encoding: str, data: Callable[[], bytes]) -> int:
+        if name not in self._schemas:
+            self._schemas[name] = self._appender.add_schema(name, encoding, data())
+        return self._schemas[name]

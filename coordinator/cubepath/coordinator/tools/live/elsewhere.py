@@ -1,0 +1,306 @@
+"""A run elsewhere as a page: what it tells whoever may listen, step by step.
+
+Who watches is a guest of the run's router; the run is not touched.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from cubepath.coordinator.runs.about import About, about_key, find_run
+from cubepath.coordinator.runs.asking import MOVES_MAX, ask, ask_path
+from cubepath.coordinator.runs.commits import Released
+from cubepath.coordinator.tools.attached.guests import guest_at
+from cubepath.coordinator.tools.live.feed import Feed
+from cubepath.coordinator.tools.live.hearing import HEARD, Words
+from cubepath.coordinator.tools.live.levels import Levels
+from cubepath.coordinator.tools.live.server import Server
+from cubepath.coordinator.tools.viewing.pages import page_text
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.sites import site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.description import FREE_FORMAT
+from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.credentials import Credentials
+from cubepath.protocol.wire.free_messages import decode_free
+from cubepath.protocol.wire.keys import topic_key
+from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
+from cubepath.protocol.wire.sessions import (
+    open_client,
+    routers_of,
+    subscribe,
+    watch,
+)
+
+_RESULTS = ("edges", "summary")
+_SAID = ("to", "reports")
+_SAID_FREE = ("ask", "pass", "tell", "moved", "tail")
+"""The keys of what modules say, with rounds and without, and of what keepers answer."""
+_ASK_S = 0.1
+_ASKED_S_MAX = 2.0
+_SHARE = 10
+"""At least so many times as long as asking took, nothing is asked again."""
+_QUIET_S = 1.0
+"""A run whose token has gone, and of which nothing more comes for so long, has ended."""
+_WAITING_MAX = 100_000
+"""So many steps wait at most to be looked at; who falls behind more has missed some."""
+
+
+class Watched:
+    """A run elsewhere, with the page that shows it; as a context manager it leaves both."""
+
+    def __init__(
+        self,
+        endpoint: str,
+        *,
+        run: str | None,
+        port: int,
+        credentials: Credentials,
+        patience_s: float,
+    ) -> None:
+        """Attach to the run, and serve the page; the errors are those of `watch_run`."""
+        self.ended: str | None = None
+        """How the run has ended, or why it is watched no more; None while it goes on."""
+        self.error: str | None = None
+        """What went wrong, in a line, if anything did."""
+        self.run: str
+        """Its name in keys."""
+        self.scene: Scene
+        """Where the page begins."""
+        self.round: int
+        """The last round, or the greatest level, that the page shows."""
+        self.begins: int
+        """How many rounds were over before: the page has none of these."""
+        self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
+        self._said: deque[Words] = deque()
+        """What is said before there is a feed, which bounds and counts what waits."""
+        self._take_words: Callable[[Words], None] = self._said.append
+        self._known = 0  # moves of a run without rounds that were told
+        self._again_s = 0.0
+        self._news = threading.Event()
+        self._gone_s: float | None = None
+        self._session = open_client(endpoint, patience_s, credentials=credentials)
+        try:
+            about = _run_at(self._session, endpoint, run, patience_s)
+            self.run = about.run
+            self._free = about.format == FREE_FORMAT
+            self._listen(about)
+            told = scene_from_toml(about.scene, f"run {about.run}")
+            self._levels = Levels(told.system)
+            self.round = self.begins = 0
+            if not self._free:
+                # Without rounds a run tells all its moves; with them it says where it stands.
+                status = ask(endpoint, about.run, credentials=credentials, timeout_s=patience_s)
+                self.round = self.begins = status.round
+                told = dataclasses.replace(told, start=status.sites)
+            self.scene = told
+            self._feed = Feed(
+                self.scene,
+                step_name="level" if self._free else "round",
+                facts=self._facts(about),
+                before=self.begins,
+            )
+            self._hand_over()
+            self._take_words = self._feed.hear
+        except BaseException:
+            self._session.close()
+            raise
+        try:
+            self._server = Server(
+                page_text(self._feed.document, live=True), self._feed, None, port=port
+            )
+        except BaseException:
+            self._session.close()
+            self._feed.close()
+            raise
+        self.address = self._server.address
+        """Where the page is."""
+
+    def _listen(self, about: About) -> None:
+        session = self._session
+        said = _SAID_FREE if self._free else _SAID
+        self._subscribers = [
+            *(subscribe(session, topic_key(self.run, kind), self._hear) for kind in _RESULTS),
+            *(subscribe(session, topic_key(self.run, kind), self._listen_in) for kind in said),
+        ]
+        self._token = watch(session, about_key(about.run), self._tell_alive)
+
+    def _facts(self, about: About) -> list[tuple[str, str]]:
+        known = about.parameters
+        facts: list[tuple[str, str]] = [
+            (key, known[key]) for key in ("rule", "seed") if key in known
+        ]
+        facts.append(("run", about.run))
+        if self.begins:
+            facts.append(("", f"watched from the end of round {self.begins} on"))
+        return facts
+
+    # In threads of zenoh.
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        try:
+            message = decode(sample.payload.to_bytes())
+        except CubepathError:  # others may say anything at a router that is open to all
+            return
+        self._waiting.append(message)
+        self._news.set()
+
+    def _listen_in(self, sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        try:
+            message = decode_free(data) if self._free else decode(data)
+        except CubepathError:
+            return
+        parts: Iterable[Words] = getattr(message, "parts", (message,))
+        for part in parts:
+            if part.__struct_config__.tag in HEARD:
+                self._take_words(part)
+
+    def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
+        self._gone_s = None if alive else time.monotonic()
+        self._news.set()
+
+    # For who watches.
+
+    def wait(self, timeout_s: float) -> bool:
+        """Feed the page for so many seconds, or until the run ends; return whether it has ended."""
+        until = time.monotonic() + timeout_s
+        while self.ended is None:
+            self._news.clear()
+            self._hand_over()
+            while self._waiting and self.ended is None:
+                self._take(self._waiting.popleft())
+            if self.ended is None and self._free:
+                self._ask_on()
+            if self.ended is None:
+                self._look()
+            left = until - time.monotonic()
+            if self.ended is not None or left <= 0:
+                break
+            self._news.wait(min(left, _ASK_S if self._free else _QUIET_S / 4))
+        return self.ended is not None
+
+    def _hand_over(self) -> None:
+        while self._said:
+            self._feed.hear(self._said.popleft())
+
+    def _ask_on(self) -> None:
+        """Ask for the moves since the last, unless that was a short while ago."""
+        begun = time.monotonic()
+        if begun < self._again_s:
+            return
+        more = True
+        while more:
+            moves = ask_path(self._session, self.run, self._known, _ASKED_S_MAX)
+            self._known += len(moves)
+            self._levels.add(moves)
+            more = len(moves) == MOVES_MAX
+        self._give_levels()
+        self._again_s = time.monotonic() + max(_ASK_S, _SHARE * (time.monotonic() - begun))
+
+    def _give_levels(self) -> None:
+        changed = self._levels.changed()
+        if changed is not None:
+            self._feed.give(*changed)
+        self.round = len(self._levels)
+
+    def _take(self, message: Message) -> None:
+        match message:
+            case Edges(round=number) if self._free:  # all of them, before the summary
+                moves = (Released(number, each.generator, each.at) for each in message.moves)
+                self._levels.put(number, moves)
+            case Edges(round=number) if number == self.round + 1:
+                self.round = number
+                self._feed.give(number - 1 - self.begins, [self._actions(message)])
+            case Edges(round=number) if number > self.round + 1:
+                self._end("missed", f"round {self.round + 1} was not heard, but {number}")
+            case Summary(ended=ended, error=error):
+                if self._free:
+                    self._give_levels()
+                self._end(ended, error)
+            case _:
+                pass
+
+    def _actions(self, edges: Edges) -> tuple[Action, ...]:
+        action = self.scene.system.action
+        return tuple(action(move.generator, site_from_json(move.at)) for move in edges.moves)
+
+    def _look(self) -> None:
+        gone = self._gone_s is not None and time.monotonic() - self._gone_s > _QUIET_S
+        if gone or not routers_of(self._session):
+            self._end("gone", "the run is gone, and has not said how it ended")
+
+    def _end(self, ended: str, error: str | None) -> None:
+        self.ended, self.error = ended, error
+        told: dict[str, Any] = {"ended": ended, "error": error}
+        self._feed.end(told)
+
+    def __enter__(self) -> Self:
+        """Return the run, which is watched."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the run, and serve the page no more."""
+        if self.ended is None:
+            self._end("left", "whoever fed this page has left the run")
+        self._session.close()
+        try:
+            self._server.leave()
+        finally:
+            self._feed.close()
+
+
+def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+    about = find_run(session, endpoint, run, patience_s)
+    if about.is_replay:
+        raise InputError(
+            f"{about.run} at {endpoint}: a replay, expected a run; the page of a recording is made"
+            " by cubepath view LOG -o PAGE.html"
+        )
+    return about
+
+
+def watch_run(
+    endpoint: str,
+    run: str | None = None,
+    *,
+    port: int = 0,
+    secure: Path | str | None = None,
+    patience_s: float = 10.0,
+) -> Watched:
+    """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
+
+    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    are several. The page begins where the run stands; of a run without rounds it has all levels. It
+    has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
+
+    InputError for a replay, CheckError if no run answers within `patience_s` seconds, CubepathError
+    if there is no router at the endpoint.
+
+    >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
+    ...     running.step(2)
+    ...     with watch_run(running.endpoint) as watched:
+    ...         outcome = running.play()
+    ...         watched.wait(10), watched.begins, watched.round == outcome.rounds
+    True
+    (True, 2, True)
+    """
+    credentials = guest_at(endpoint, secure)
+    patience_s = seconds("patience_s", patience_s)
+    return Watched(endpoint, run=run, port=port, credentials=credentials, patience_s=patience_s)

@@ -1,0 +1,289 @@
+"""What a page is fed while a run goes on: events, in the order in which they are to be taken.
+
+Whoever has steps hands them over and goes on; a thread of the feed makes events of them, once for
+all who watch, and takes a small share of the time for that. `docs/viewing.md` has the events'
+fields.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.plugins import plugin
+from cubepath.coordinator.tools.live.growing import Growing
+from cubepath.coordinator.tools.live.hearing import Hearing, Words
+from cubepath.coordinator.tools.viewing.shown import FORMAT, title_of
+from cubepath.coordinator.tools.viewing.waits import waits_of
+from cubepath.coordinator.tools.viewing.worlds import path_document
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.system import Scene
+
+Steps = Sequence[tuple[Action, ...]]
+SAID_MAX = 1_000_000
+_EVENT_S = 0.05
+_SHARE = 10
+"""At least so many times as long as it took to make something, nothing is made again."""
+
+
+@dataclass(slots=True)
+class Place:
+    """How much one who watches has seen; who comes back says how many `events` these are."""
+
+    events: int = 0
+    schedule: int = 0
+    state: int = 0
+    ended: bool = False
+
+
+class Feed:
+    """The events of a run.
+
+    A page begins with `document`, in which nothing has moved, and takes all events from the first.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        step_name: str = "round",
+        facts: Sequence[tuple[str, str]] = (),
+        before: int = 0,
+    ) -> None:
+        """Begin at the start of the scene, where so many rounds lay before it already."""
+        self._world = Growing(scene)
+        self._hearing = Hearing(self._world.world, free=step_name == "level", before=before)
+        space = self._space = plugin("state_space")(scene)
+        self._states = [] if space is None else space.along([])
+        empty = np.zeros(0, np.int64)
+        path = path_document(self._world.world, 0, [], title="as executed", step_name=step_name)
+        normal = path_document(self._world.world, 0, [], title="normal cube path", step_name="cube")
+        self.document: dict[str, Any] = {
+            "format": FORMAT,
+            "title": title_of(scene),
+            "facts": [[list(fact) for fact in facts]],
+            "names": [""],
+            "worlds": [self._world.begin()],
+            "paths": [
+                path | {"level": empty, "partner": empty} | self._hearing.begin(),
+                normal,
+            ],
+            "beside": [0, 1],
+            "complex": None if space is None else space.document([self._states] * 2),
+        }
+        self._before = before
+        self._news = threading.Condition()
+        self._given: list[tuple[int, Steps]] = []
+        self._said: deque[Words] = deque()
+        self._dropped = 0
+        self._steps: list[tuple[Action, ...]] = []
+        self._events: list[bytes] = []
+        self._schedule: tuple[int, bytes] = 0, b""
+        self._state: tuple[int, bytes] = 0, b""
+        self._end: dict[str, Any] | None = None
+        self._ended = b""
+        self._closed = False
+        self._failed: BaseException | None = None
+        self._thread = threading.Thread(target=self._work, name="cubepath-feed", daemon=True)
+        self._thread.start()
+
+    # For who has the run.
+
+    def give(self, place: int, steps: Steps) -> None:
+        """Hand over the steps from a place on, counted from 0; what was there before is gone."""
+        with self._news:
+            self._given.append((place, steps))
+            self._news.notify_all()
+
+    def hear(self, message: Words) -> None:
+        """Hand over what a module has said; it is told with the step that it belongs to.
+
+        Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
+        """
+        with self._news:
+            self._said.append(message)
+            if len(self._said) > SAID_MAX:
+                self._said.popleft()
+                self._dropped += 1
+
+    def tell(self, state: dict[str, Any]) -> None:
+        """Tell how the run is paced, from now on."""
+        with self._news:
+            self._state = self._state[0] + 1, _event("state", state)
+            self._news.notify_all()
+
+    def end(self, ending: dict[str, Any]) -> None:
+        """Say how the run has ended, after all steps and the schedule of them all."""
+        with self._news:
+            if self._end is None:
+                self._end = ending
+                self._news.notify_all()
+
+    def close(self) -> None:
+        """Feed nobody any more; raises what went wrong in the thread, if anything did."""
+        with self._news:
+            self._closed = True
+            self._news.notify_all()
+        self._thread.join()
+        if self._failed is not None:
+            raise self._failed
+
+    # For who watches.
+
+    def next(self, place: Place, timeout_s: float) -> list[bytes] | None:
+        """Return what is new since a place, which goes on; None if there will be no more.
+
+        Waits so many seconds at most, and returns nothing then.
+        """
+        with self._news:
+            self._news.wait_for(lambda: self._closed or self._is_new(place), timeout_s)
+            found = self._events[place.events :]
+            place.events = len(self._events)
+            if place.schedule < self._schedule[0]:
+                place.schedule, event = self._schedule
+                found.append(event)
+            if place.state < self._state[0]:
+                place.state, event = self._state
+                found.append(event)
+            if self._ended and not place.ended:
+                place.ended = True
+                found.append(self._ended)
+            return None if not found and (place.ended or self._closed) else found
+
+    def _is_new(self, place: Place) -> bool:
+        return (
+            place.events < len(self._events)
+            or place.schedule < self._schedule[0]
+            or place.state < self._state[0]
+            or bool(self._ended)
+        )
+
+    # In the thread of the feed.
+
+    def _work(self) -> None:
+        try:
+            self._feed()
+        except BaseException as error:  # noqa: BLE001 - it is raised where the feed is closed
+            self._failed = error
+            with self._news:
+                self._closed = True
+                self._news.notify_all()
+
+    def _feed(self) -> None:
+        shown = 0  # steps of which the schedule is told
+        again = 0.0  # when it may be found again
+        while True:
+            with self._news:
+                wait_s = None if shown == len(self._steps) else max(0.0, again - time.monotonic())
+                self._news.wait_for(
+                    lambda: self._closed or self._given or self._end is not None, wait_s
+                )
+                if self._closed:
+                    return
+                given, self._given = self._given, []
+                said, self._said = self._said, deque()
+                ending = self._end
+            begun = time.monotonic()
+            for place, steps in _joined(given):
+                shown = min(shown, place)
+                self._take(place, steps)
+            self._listen(said)
+            took_s = time.monotonic() - begun
+            now = time.monotonic()
+            if shown < len(self._steps) and (now >= again or ending is not None):
+                shown = len(self._steps)
+                self._find_schedule()
+                again = time.monotonic() + _SHARE * (time.monotonic() - now)
+            if ending is not None:
+                with self._news:
+                    if not self._given:
+                        self._ended = _event("end", ending)
+                        self._news.notify_all()
+                        return
+            elif given:
+                with self._news:
+                    self._news.wait_for(
+                        lambda: self._closed or self._end is not None,
+                        max(_EVENT_S, _SHARE * took_s),
+                    )
+
+    def _take(self, place: int, steps: Steps) -> None:
+        if place < len(self._steps):
+            del self._steps[place:]
+            self._world.go_back(self._steps)
+        self._steps += steps
+        told: dict[str, Any] = {"from": place, "before": self._before, "rows": []}
+        del self._states[place + 1 :]
+        for actions in steps:
+            told["rows"].append(self._world.follow(actions))
+            if self._space is not None:
+                self._states.append(self._space.number(self._world.state))
+        if self._space is not None:
+            told["states"] = self._states[place + 1 :]
+        self._put("steps", told)
+
+    def _listen(self, said: Iterable[Words]) -> None:
+        for message in said:
+            self._hearing.take(message)
+        told = self._hearing.told(len(self._steps))
+        if told is not None:
+            self._put("said", told | {"dropped": self._dropped})
+
+    def _find_schedule(self) -> None:
+        path = [action for actions in self._steps for action in actions]
+        heap = FastHeap(telling=True)
+        heap.extend(path)
+        cubes, found = heap.cube_path(), heap.normal_form()
+        waits = waits_of(path)
+        normal = path_document(self._world.world, 0, cubes, title="", step_name="cube")
+        if self._world.has_grown():
+            self._put("steps", {"from": len(self._steps), "before": self._before, "rows": []})
+        states = {} if self._space is None else {"states": self._space.along(cubes)}
+        event = _event(
+            "schedule",
+            {
+                "level": found.levels.tolist(),
+                "partner": found.partners.tolist(),
+                "below": waits.below.tolist(),
+                "depth": waits.depths.tolist(),
+                "chain": waits.chain.tolist(),
+                "normal": {
+                    key: normal[key].tolist() for key in ("ends", "rows", "below", "depth", "chain")
+                },
+                **states,
+            },
+        )
+        with self._news:
+            self._schedule = self._schedule[0] + 1, event
+            self._news.notify_all()
+
+    def _put(self, name: str, told: dict[str, Any]) -> None:
+        number = b"id: %d\n" % (len(self._events) + 1)
+        event = number + _event(name, told | {"world": self._world.grown()})
+        with self._news:
+            self._events.append(event)
+            self._news.notify_all()
+
+
+def _joined(given: Sequence[tuple[int, Steps]]) -> list[tuple[int, Steps]]:
+    """Return the same steps with those in one that follow each other: the world is told once."""
+    found: list[tuple[int, list[tuple[Action, ...]]]] = []
+    for place, steps in given:
+        if found and place == found[-1][0] + len(found[-1][1]):
+            found[-1][1].extend(steps)
+        else:
+            found.append((place, list(steps)))
+    return [*found]
+
+
+def _event(name: str, told: dict[str, Any]) -> bytes:
+    """Return an event as a browser's EventSource reads it."""
+    return b"event: %s\ndata: %s\n\n" % (name.encode(), msgspec.json.encode(told))

@@ -1,0 +1,104 @@
+"""One page of HTML that shows runs: it opens from disk, and asks no network for anything.
+
+The parts of the page lie beside this module, in `page/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cubepath.coordinator.tools.viewing.packing import pack, unpack
+from cubepath.coordinator.tools.viewing.shown import Progress, Shown, document_of
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
+
+PAGE_SUFFIXES = (".html",)
+_SCRIPTS = (
+    "data",
+    "paths",
+    "motion",
+    "theme",
+    "layers",
+    "stage",
+    "lanes",
+    "marks",
+    "schedule",
+    "heap",
+    "complex",
+    "clock",
+    "inspector",
+    "controls",
+    "main",
+)
+"""The scripts of a page in the order in which they run."""
+_POLICY, _SAVED_POLICY = 'http-equiv="Content-Security-Policy"', 'name="saved-policy"'
+_BEGIN, _END = '<script type="text/plain" id="data">', "</script>"
+
+
+def run_page(
+    shown: Shown | Sequence[Shown], path: Path | str, *, progress: Progress | None = None
+) -> None:
+    """Write a page that shows a run beside its normal cube path, or two runs beside each other.
+
+    `progress` is called with the name of each part before it is begun. InputError if the name of
+    the file ends otherwise than in .html, a move is not admissible, a place cannot be drawn, or the
+    file cannot be written.
+
+    >>> played = play("hex:n=4")
+    >>> cubes = normal_cube_path(played.path)
+    >>> run_page(Shown(played.scene, played.steps, cubes), "run.html")
+    >>> Path("run.html").read_text().count("<script")
+    16
+    """
+    if Path(path).suffix.lower() not in PAGE_SUFFIXES:
+        raise InputError(f"{path}: expected a name that ends in {' or '.join(PAGE_SUFFIXES)}")
+    document = document_of([shown] if isinstance(shown, Shown) else shown, progress)
+    if progress is not None:
+        progress("write")
+    text = page_text(document)
+    with written_whole(path) as stream:
+        stream.write(text.encode())
+
+
+def page_text(document: dict[str, Any], *, live: bool = False) -> str:
+    """Return the page of a document.
+
+    A `live` one is fed by whoever serves it, who also says what it may do: the policy in its head
+    is one for the page that a reader saves.
+    """
+    parts = files("cubepath.coordinator.tools.viewing") / "page"
+    scripts = [(parts / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
+    following = [(parts / "live.js").read_text("utf-8")] if live else []
+    # Filled in one pass, so that nothing in what is filled in is taken for a place to fill.
+    before, style, body, rest = _split((parts / "page.html").read_text("utf-8"))
+    return "".join(
+        [
+            before.replace(_POLICY, _SAVED_POLICY) if live else before,
+            escape(document["title"]),
+            style,
+            (parts / "page.css").read_text("utf-8"),
+            body,
+            f"{_BEGIN}{pack(document)}{_END}\n",
+            *(f"<script>\n{script}</script>\n" for script in scripts),
+            *(f"<script data-live>\n{script}</script>\n" for script in following),
+            rest,
+        ]
+    )
+
+
+def _split(template: str) -> list[str]:
+    """Return the four pieces of the template around its title, its style and its scripts."""
+    before, _, rest = template.partition("<!-- title -->")
+    style, _, rest = rest.partition("/* style */")
+    return [before, style, *rest.split("<!-- scripts -->")]
+
+
+def page_document(path: Path | str) -> Any:
+    """Return the document of a page that `run_page` wrote, with its arrays as lists."""
+    text = Path(path).read_text("utf-8")
+    begin = text.index(_BEGIN) + len(_BEGIN)
+    return unpack(text[begin : text.index(_END, begin)])
