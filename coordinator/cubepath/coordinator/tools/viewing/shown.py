@@ -127,6 +127,7 @@ def _complex(shown: Sequence[Shown], tell: Progress) -> dict[str, Any] | None:
     space: Any = plugin("state_space")(scene)
     if space is None:
         return None
-    return space.document(
+    document: dict[str, Any] = space.document(
         [space.along(steps) for each in shown for steps in (each.steps, each.cubes)]
     )
+    return document
