@@ -1,13 +1,18 @@
 """Change the source here and there, and see whether the tests notice.
 
 With cubepath installed: ``python tests/mutation.py [--sample 300] [--seed 1] [-n 1]
-[--only FILE] [--seeds N]``.
+[--only FILE] [--seeds N]``, or ``--fixed``.
 
 A sample of mutants, the same for the same seed, is drawn from the files of `MIRRORED`. Each is run
 against the tests that mirror its file: those that are fast, and where they notice nothing the slow
 ones. What survives is listed with its file, line and change: a test is missing, or the mutant is
 equivalent. Modules compiled by numba are not among the files. Exit code 1 where less than 95% of
 the sample is found, 2 where the tests fail on the source as it is.
+
+With ``--fixed`` the mutants are those of ``fixed_mutants.json`` instead of a sample, each named by
+its function and what is changed into what, in whichever file that stands. So two states of the
+source can be compared: what was found before and is not now, or has no place any more, is listed,
+and then the exit code is 1.
 
 With ``--seeds N`` the files are those of `SIMULATED`. Before the tests the simulator runs its seeds
 from 0 on, N at most, until one fails; the report says how many that took.
@@ -20,10 +25,13 @@ import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from random import Random
 from statistics import mean, median
+
+import msgspec
 
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
@@ -136,8 +144,22 @@ FOUND_LEAST = 0.95
 SECONDS_LEAST = 10.0
 """The least processor time that a mutant gets; otherwise thrice that of the source as it is."""
 BASELINE_SECONDS = 600.0
+FIXED = Path(__file__).with_name("fixed_mutants.json")
 _Mutant = tuple[str, int]
 """A file, and which of its mutations is made."""
+
+
+class Fixed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A mutant that is the same wherever its function stands."""
+
+    function: str
+    before: str
+    after: str
+    found: bool | None
+    """Whether it was found before; None where nobody has tried."""
+
+    def __str__(self) -> str:
+        return f"{self.function}: {self.before}  ->  {self.after}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +177,8 @@ class _Stage:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sample of mutants and print the report."""
     options = _parser().parse_args(arguments)
-    files = [options.only] if options.only else list(SIMULATED if options.seeds else MIRRORED)
-    every = [(file, number) for file in files for number in range(len(mutations_of(file)))]
-    count = min(options.sample, len(every))
-    sample = sorted(Random(options.seed).sample(every, count))  # noqa: S311 - to be repeated
+    fixed = located(fixed_mutants()) if options.fixed else {}
+    sample = sorted(fixed) if options.fixed else _sample(options)
     stages = [_Stage("fast tests"), _Stage("slow tests", slow=True)]
     if options.seeds:
         stages.insert(0, _Stage("seeds", seeds=options.seeds))
@@ -172,7 +192,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if stage.seeds:
             seeds = {mutant: verdict.seeds for mutant, verdict in found.items()}
     print(_report(sample, left, seeds if options.seeds else None))
+    if options.fixed:
+        worse = _worse(fixed, left)
+        print("\n".join([*worse, f"{len(worse)} of {len(fixed_mutants())} worse than before"]))
+        return FAILED if worse else DONE
     return DONE if len(left) <= (1 - FOUND_LEAST) * len(sample) else FAILED
+
+
+def _sample(options: argparse.Namespace) -> list[_Mutant]:
+    files = [options.only] if options.only else list(SIMULATED if options.seeds else MIRRORED)
+    every = [(file, number) for file in files for number in range(len(mutations_of(file)))]
+    count = min(options.sample, len(every))
+    return sorted(Random(options.seed).sample(every, count))  # noqa: S311 - to be repeated
+
+
+def fixed_mutants() -> list[Fixed]:
+    """Return the mutants of the fixed list."""
+    return msgspec.json.decode(FIXED.read_bytes(), type=list[Fixed])
+
+
+def located(wanted: Iterable[Fixed]) -> dict[_Mutant, Fixed]:
+    """Return where the mutants are among the files of `MIRRORED`: those that are at one place."""
+    places: dict[tuple[str, str, str], list[_Mutant]] = {}
+    for file in MIRRORED:
+        for number, each in enumerate(mutations_of(file)):
+            key = each.function, each.before, each.after
+            places.setdefault(key, []).append((file, number))
+    found = ((each, places.get((each.function, each.before, each.after), [])) for each in wanted)
+    return {at[0]: each for each, at in found if len(at) == 1}
+
+
+def _worse(fixed: Mapping[_Mutant, Fixed], left: Sequence[_Mutant]) -> list[str]:
+    """Return which mutants of the fixed list were found before, and are not now."""
+    there = set(fixed.values())
+    gone = [f"not at one place: {each}" for each in fixed_mutants() if each not in there]
+    survived = (fixed[mutant] for mutant in left)
+    return [*gone, *(f"was found before: {each}" for each in survived if each.found)]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -180,7 +235,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--sample", type=int, default=300, help="how many mutants (default 300)")
     parser.add_argument("--seed", type=int, default=1, help="which sample (default 1)")
     parser.add_argument("-n", type=int, default=1, help="how many processes (default 1)")
-    parser.add_argument("--only", choices=MIRRORED, metavar="FILE", help="mutants of this file")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--only", choices=MIRRORED, metavar="FILE", help="mutants of this file")
+    which.add_argument("--fixed", action="store_true", help=f"those of {FIXED.name}, no sample")
     parser.add_argument(
         "--seeds", type=whole(1), metavar="N", help="run so many seeds of the simulator first"
     )

@@ -50,6 +50,8 @@ _UNTOUCHED_FIELDS = {"annotation", "returns", "decorator_list", "type_params", "
 class Mutation:
     """A change at a line, in words; `apply` makes it in the tree that it was found in."""
 
+    function: str
+    """The qualified name of what it is in, as ``Heap.push``; empty outside of all."""
     line: int
     before: str
     after: str
@@ -59,8 +61,8 @@ class Mutation:
 def mutations(tree: ast.Module) -> list[Mutation]:
     """Return all changes of a module, in the order of its syntax tree; none leaves it as it is."""
     return [
-        Mutation(node.lineno, _head(node), _head(other), _put(parent, field, at, other))
-        for parent, field, at, node in _places(tree)
+        Mutation(name, node.lineno, _head(node), _head(other), _put(parent, field, at, other))
+        for name, parent, field, at, node in _places(tree, "")
         for other in _changed(node, parent)
         if ast.dump(other) != ast.dump(node)
     ]
@@ -71,8 +73,8 @@ def _head(node: ast.AST) -> str:
     return ast.unparse(node).partition("\n")[0]
 
 
-_Place = tuple[ast.AST, str, int | None, ast.expr | ast.stmt]
-"""A node with where it hangs: its parent, the field of that, and the index in a list."""
+_Place = tuple[str, ast.AST, str, int | None, ast.expr | ast.stmt]
+"""A node with where it hangs: the function, its parent, the field of that, the index in a list."""
 
 
 def _put(parent: ast.AST, field: str, at: int | None, node: ast.AST) -> Callable[[], None]:
@@ -86,8 +88,10 @@ def _put(parent: ast.AST, field: str, at: int | None, node: ast.AST) -> Callable
     return put
 
 
-def _places(parent: ast.AST) -> Iterator[_Place]:
+def _places(parent: ast.AST, function: str) -> Iterator[_Place]:
     """Yield the statements and expressions below a node, without what is left alone."""
+    if isinstance(parent, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        function = f"{function}.{parent.name}" if function else parent.name
     for field, value in ast.iter_fields(parent):
         if field in _UNTOUCHED_FIELDS:
             continue
@@ -96,9 +100,9 @@ def _places(parent: ast.AST) -> Iterator[_Place]:
             if not isinstance(node, ast.AST) or _is_left_alone(node):
                 continue
             if isinstance(node, ast.expr | ast.stmt):
-                yield parent, field, at if isinstance(value, list) else None, node
+                yield function, parent, field, at if isinstance(value, list) else None, node
             if not isinstance(node, ast.Raise):
-                yield from _places(node)
+                yield from _places(node, function)
 
 
 def _is_left_alone(node: ast.AST) -> bool:

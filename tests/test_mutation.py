@@ -12,7 +12,7 @@ from textwrap import dedent
 import pytest
 
 from mutants import ROOT, module_name, mutations_of
-from mutation import MIRRORED
+from mutation import MIRRORED, fixed_mutants, located
 from mutators import mutations
 
 ACTIONS = "protocol/cubepath/protocol/core/actions.py"
@@ -113,6 +113,21 @@ def test_every_file_and_its_tests_are_there() -> None:
         assert spec.origin is not None
         assert (ROOT / file).samefile(spec.origin)
         assert all((ROOT / each).is_file() for each in tests)
+
+
+def test_a_change_is_in_the_function_around_it() -> None:
+    """By its qualified name, without those of the file; in none at the top of a file."""
+    source = "x = 1\nclass A:\n  y = 2\n  def f(self):\n    def g():\n      return 3\n"
+    found = mutations(ast.parse(source))
+    assert list(dict.fromkeys(each.function for each in found)) == ["", "A", "A.f.g"]
+
+
+@pytest.mark.slow
+def test_each_mutant_of_the_fixed_list_has_one_place() -> None:
+    """Rename it in the list together with its function, and what it finds can be compared."""
+    wanted = fixed_mutants()
+    assert set(wanted) == set(located(wanted).values())
+    assert len(wanted) == len(set(wanted))
 
 
 @pytest.mark.thorough

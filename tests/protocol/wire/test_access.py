@@ -1,26 +1,232 @@
-"""Who may speak on which keys of a private router: real sessions, one for each name."""
+"""Who may do what on which keys of a private router: every key that is known, real sessions."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from queue import SimpleQueue
+from typing import TypeAlias, cast
 
 import pytest
 import zenoh
 
+from cubepath.agents.processes.join_messages import ANY, alive_key, orders_key
+from cubepath.coordinator.playback.orders import player_key, position_key
+from cubepath.coordinator.runs.about import about_key
+from cubepath.coordinator.runs.asking import path_key, state_key
 from cubepath.protocol.wire.access import access_list
-from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.credentials import COORDINATOR, process_name
+from cubepath.protocol.wire.free_messages import FREE_KINDS, FreeMessage, free_key
+from cubepath.protocol.wire.keys import ROOT, belongs, everything, key_of, topic_key
+from cubepath.protocol.wire.messages import KINDS, Go, Message, Reset
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import open_client
-from ears import Ear
-from elsewhere import soon
+from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_ear
+from filled import filled
 
-pytestmark = pytest.mark.slow
+RIGHTS = """
+key                coordinator  process_1  process_0  keeper_1  keeper_0  guest
+here               pdqat        -          -          -         -         -
+note               pdqat        -          -          -         -         -
+claim              pdqat        -          -          -         -         -
+verdict            pdqat        -          -          -         -         -
+report             pdqat        -          -          -         -         -
+observed           pdqat        -          -          -         -         -
+act                pdqat        -          -          -         -         -
+said               pdqat        p          -          -         -         -
+reports            pdqat        p          -          -         -         -
+observations       pdqat        p          -          -         -         -
+acts               pdqat        -          -          -         -         -
+go                 pdqat        -          -          -         -         -
+go for one         pdqat        -          -          -         -         -
+reset              pdqat        -          -          -         -         -
+reset for one      pdqat        -          -          -         -         -
+ready              pdqat        p          -          -         -         -
+again              pdqat        p          -          -         -         -
+waiting            pdqat        p          -          -         -         -
+refused            pdqat        -          -          -         -         -
+edges              pdqat        -          -          -         -         -
+cube               pdqat        -          -          -         -         -
+certificate        pdqat        -          -          -         -         -
+summary            pdqat        -          -          -         -         -
+ask                pdqat        p          -          -         -         -
+pass               pdqat        -          -          p         -         -
+tell               pdqat        -          -          p         -         -
+shows              pdqat        -          -          p         -         -
+moved              pdqat        -          -          p         -         -
+turns              pdqat        p          -          -         -         -
+rest               pdqat        p          -          -         -         -
+fetch              pdqat        -          -          -         -         -
+repeat             pdqat        -          -          -         -         -
+tail               pdqat        -          -          p         -         -
+state              pdqat        q          q          q         q         q
+about              pdqat        q          q          q         q         q
+path               pdqat        q          q          q         q         q
+player status      pdqat        q          q          q         q         q
+player position    pdqat        q          q          q         q         q
+recorder           pdqat        qa         qa         qa        qa        qa
+orders             pdqat        q          -          -         -         -
+orders for any     pdqat        -          -          -         -         -
+alive              pdqat        t          -          -         -         -
+alive coordinator  pdqat        -          -          -         -         -
+elsewhere          -            -          -          -         -         -
+"""
+"""Who may put (p), delete (d), query (q), answer queries (a) and declare a liveliness token (t).
 
-RUN = "cubepath/0123456789ab"
-OWN = ("ready", "reports", "observations", "waiting", "again", "turns", "rest")
-LED = ("go/coordinator", "go/process_0", "reset/process_0", "acts/process_0", "summary/coordinator")
+A row is a kind of message, on the key that the sender of number 1 puts it on, or another key.
+"""
+NAMES = RIGHTS.split("\n")[1].split()[1:]
+ROWS = {
+    line[:19].rstrip(): dict(zip(NAMES, line[19:].split(), strict=True))
+    for line in RIGHTS.split("\n")[2:-1]
+}
+RUN = "0123456789ab"
 HEARD_S = 10.0
+_HUB = "hub"
+
+
+def key_of_kind(kind: str) -> str:
+    """Return the key that a message of a kind is put on, by process 1 or keeper 1."""
+    message = filled({**KINDS, **FREE_KINDS}[kind], process=1, keeper=1)
+    if kind in KINDS:
+        return key_of(RUN, cast("Message", message))
+    return free_key(RUN, cast("FreeMessage", message))
+
+
+KEYS = {
+    **{kind: key_of_kind(kind) for kind in (*KINDS, *FREE_KINDS)},
+    "go for one": topic_key(RUN, "go", process_name(1)),
+    "reset for one": topic_key(RUN, "reset", process_name(1)),
+    "state": state_key(RUN),
+    "about": about_key(RUN),
+    "path": path_key(RUN),
+    "player status": f"{player_key(RUN)}/status",
+    "player position": position_key(RUN),
+    "recorder": topic_key(RUN, "recorder", "some/snapshot"),
+    "orders": orders_key(RUN, process_name(1)),
+    "orders for any": orders_key(RUN, ANY),
+    "alive": alive_key(RUN, process_name(1)),
+    "alive coordinator": alive_key(RUN, COORDINATOR),
+    "elsewhere": "elsewhere/go/coordinator",
+}
+"""The keys that are tried."""
+assert belongs(RUN, KEYS["go for one"], Go(1, "sense"))
+assert belongs(RUN, KEYS["reset for one"], Reset(1, 1))
+Found: TypeAlias = set[tuple[str, str, str]]
+"""Key, name and a letter: what was not in vain."""
+
+
+def _callback(called: Callable[[zenoh.Query], None]) -> zenoh.handlers.Callback[zenoh.Query]:
+    return zenoh.handlers.Callback(called, indirect=False)
+
+
+def _answers(session: zenoh.Session, key: str) -> list[str]:
+    """Return what all others answer."""
+    replies = session.get(
+        key,
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        allowed_destination=zenoh.Locality.REMOTE,
+        timeout=HEARD_S,
+    )
+    return [each.ok.payload.to_string() for each in replies if each.ok is not None]
+
+
+class Hub:
+    """A session of the coordinator that hears what the sessions of all names do at a router."""
+
+    def __init__(self, router: Router, stack: ExitStack) -> None:
+        """Open the sessions."""
+
+        def opened(name: str) -> zenoh.Session:
+            credentials = router.credentials(name)
+            return stack.enter_context(open_client(router.endpoint, credentials=credentials))
+
+        self.found: Found = set()
+        self.hub = opened(COORDINATOR)
+        self.sessions = {name: opened(name) for name in NAMES}
+        self._subscriber = subscribe(self.hub, "**", self._heard)
+        self._queryable = self.hub.declare_queryable(f"{ROOT}/**", _callback(self._asked))
+        for name, session in self.sessions.items():
+            wait_for_ear(self.hub, session, topic_key(RUN, "probe", name))
+
+    def _heard(self, sample: zenoh.Sample) -> None:
+        letter = "p" if sample.kind == zenoh.SampleKind.PUT else "d"
+        if sample.attachment is not None:
+            self.found.add((str(sample.key_expr), sample.attachment.to_string(), letter))
+
+    def _asked(self, query: zenoh.Query) -> None:
+        if query.attachment is not None:
+            self.found.add((str(query.key_expr), query.attachment.to_string(), "q"))
+        else:
+            query.reply(state_key(RUN), _HUB)
+
+    def settle(self, name: str) -> None:
+        """Wait until the hub knows of all that a session did before: links keep the order."""
+        answers = _answers(self.sessions[name], state_key(RUN))
+        assert _HUB in answers, f"{name} may not even ask for the state of a run"
+
+    def speak(self) -> None:
+        """Put, delete and query on every key, in every name."""
+        for name, session in self.sessions.items():
+            for key in KEYS.values():
+                session.put(
+                    key, b"", congestion_control=zenoh.CongestionControl.BLOCK, attachment=name
+                )
+                session.delete(
+                    key, congestion_control=zenoh.CongestionControl.BLOCK, attachment=name
+                )
+                session.get(key, lambda _: None, attachment=name, timeout=HEARD_S)
+            self.settle(name)
+
+    def answer(self) -> None:
+        """Ask on every key, and take note of the names that answer."""
+
+        def answers(name: str, key: str) -> Callable[[zenoh.Query], None]:
+            return lambda query: query.reply(key, name)
+
+        declared = [
+            session.declare_queryable(key, _callback(answers(name, key)))
+            for name, session in self.sessions.items()
+            for key in KEYS.values()
+        ]
+        for name in NAMES:
+            self.settle(name)
+        for key in KEYS.values():
+            self.found.update((key, name, "a") for name in _answers(self.hub, key))
+        for each in declared:
+            each.undeclare()
+
+    def live(self) -> None:
+        """Declare a token on every key, in one name after the other."""
+        for name, session in self.sessions.items():
+            tokens = [session.liveliness().declare_token(key) for key in KEYS.values()]
+            self.settle(name)
+            replies = self.hub.liveliness().get("**", timeout=HEARD_S)
+            keys = (str(each.ok.key_expr) for each in replies if each.ok is not None)
+            self.found.update((key, name, "t") for key in keys)
+            for token in tokens:
+                token.undeclare()
+            self.settle(name)
+
+    def listen(self) -> dict[str, set[str]]:
+        """Put on every key as the coordinator, and return what each name hears."""
+        queues = {name: SimpleQueue[str]() for name in NAMES}
+
+        def take(queue: SimpleQueue[str]) -> Callable[[zenoh.Sample], None]:
+            return lambda sample: queue.put(str(sample.key_expr))
+
+        ears = [subscribe(self.sessions[name], "**", take(queue)) for name, queue in queues.items()]
+        for name in NAMES:
+            self.settle(name)
+        for key in KEYS.values():
+            put(self.hub, key, b"")
+        allowed = len(KEYS) - 1
+        heard = {
+            name: {queue.get(timeout=HEARD_S) for _ in range(allowed)}
+            for name, queue in queues.items()
+        }
+        del ears
+        return heard
 
 
 @pytest.fixture(scope="module")
@@ -30,101 +236,61 @@ def router() -> Iterator[Router]:
         yield found
 
 
-def keys_of(process: int) -> list[str]:
-    """Return the keys of a process."""
-    name = f"process_{process}"
-    regions = (f"{RUN}/to/0,-1/{name}", f"{RUN}/ask/1/{name}")
-    return [*(f"{RUN}/{kind}/{name}" for kind in OWN), *regions]
+@pytest.fixture(scope="module")
+def found(router: Router) -> Found:
+    """Return what is not in vain, of all that is tried in all names on all keys."""
+    with ExitStack() as stack:
+        hub = Hub(router, stack)
+        hub.speak()
+        hub.answer()
+        hub.live()
+        return hub.found
 
 
-def keys_of_keeper(keeper: int) -> list[str]:
-    """Return the keys of a keeper."""
-    kinds = ("pass/1", "tell/0", "shows/0,-1", "moved", "tail")
-    return [f"{RUN}/{kind}/keeper_{keeper}" for kind in kinds]
-
-
-@pytest.mark.parametrize("name", ["guest", "process_0", "process_1", "keeper_0", COORDINATOR])
-def test_everyone_speaks_on_own_keys_alone(router: Router, name: str) -> None:
-    """A guest on none, a process on its own, and the coordinator on all of a run."""
-    own = {
-        "guest": [],
-        "process_0": keys_of(0),
-        "process_1": keys_of(1),
-        "keeper_0": keys_of_keeper(0),
+@pytest.mark.slow
+@pytest.mark.parametrize("row", KEYS)
+def test_each_name_may_do_what_the_table_says(found: Found, row: str) -> None:
+    """On every key, and nothing else; a kind of message without a row has no rights."""
+    rights = {
+        name: "".join(each for each in "pdqat" if (KEYS[row], name, each) in found) or "-"
+        for name in NAMES
     }
-    led = [f"{RUN}/{topic}" for topic in LED]
-    everything = [*keys_of(0), *keys_of(1), *keys_of_keeper(0), *keys_of_keeper(1), *led]
-    asked = [*everything, "elsewhere/go/coordinator"]
-    expected = own.get(name, everything)
-    with (
-        open_client(router.endpoint) as listener,
-        open_client(router.endpoint, credentials=router.credentials(name)) as speaker,
-    ):
-        assert Ear(listener).hears(speaker, asked, len(expected)) == expected
+    assert rights == ROWS[row]
 
 
-def test_only_the_coordinator_gives_orders_and_only_to_who_they_are_for(router: Router) -> None:
-    """A process asks for its own; what a guest would answer, or ask, goes nowhere."""
-
-    def session(name: str) -> zenoh.Session:
-        return open_client(router.endpoint, credentials=router.credentials(name))
-
-    def answers(to: zenoh.Session, key: str) -> list[str]:
-        replies = to.get(key, timeout=HEARD_S)
-        return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
-
-    def reply(said: str) -> zenoh.handlers.Callback[zenoh.Query]:
-        return zenoh.handlers.Callback(
-            lambda query: query.reply(str(query.key_expr), said), indirect=False
-        )
-
-    with session(COORDINATOR) as one, session("process_0") as asks, session("guest") as guest:
-        orders = one.declare_queryable(f"{RUN}/orders/*", reply("orders"))
-        fake = guest.declare_queryable(f"{RUN}/orders/*", reply("fake"))
-        soon(lambda: answers(asks, f"{RUN}/orders/process_0") == ["orders"], "no orders")
-        assert answers(asks, f"{RUN}/orders/process_1") == []
-        with open_client(router.endpoint) as other:
-            assert answers(other, f"{RUN}/orders/process_0") == []
-        fake.undeclare()
-        orders.undeclare()
+@pytest.mark.slow
+def test_everyone_hears_everything(router: Router) -> None:
+    """Whoever is let in may listen to every key of every run."""
+    with ExitStack() as stack:
+        heard = Hub(router, stack).listen()
+    assert heard == dict.fromkeys(NAMES, {*KEYS.values()} - {KEYS["elsewhere"]})
 
 
-def alive(session: zenoh.Session) -> list[str]:
-    """Return the keys of the tokens of runs."""
-    replies = session.liveliness().get("cubepath/*/alive/*", timeout=HEARD_S)
-    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+def test_the_table_has_a_row_for_each_key() -> None:
+    """And no row for a key that is gone."""
+    assert ROWS.keys() == KEYS.keys()
 
 
-def test_who_is_alive_is_not_for_others_to_say(router: Router) -> None:
-    """Each declares a token of its own name; everyone is told."""
-    names = ("guest", "process_0", "process_1", COORDINATOR)
-    sessions = [
-        open_client(router.endpoint, credentials=router.credentials(name)) for name in names
+def test_each_right_is_one_to_a_key_that_is_used() -> None:
+    """A right to a key that no message and no query is on any more is one to nothing."""
+    listed = access_list(2, "usernames", keepers=2)
+    keys = [zenoh.KeyExpr(key) for key in KEYS.values()]
+    unused = [
+        expression
+        for rule in listed["rules"]
+        for expression in rule["key_exprs"]
+        if not expression.endswith("_0")
+        and not any(zenoh.KeyExpr(expression).includes(key) for key in keys)
     ]
-    try:
-        tokens = [
-            each.liveliness().declare_token(f"{RUN}/alive/{name}")
-            for each in sessions[:3]
-            for name in ("process_0", COORDINATOR)
-        ]
-        with open_client(router.endpoint) as listener:
-            deadline = time.monotonic() + 30
-            while not (found := alive(listener)) and time.monotonic() < deadline:
-                time.sleep(0.05)  # the router has not heard of the token yet
-            assert found == [f"{RUN}/alive/process_0"]
-            assert alive(listener) == found
-        del tokens
-    finally:
-        for each in sessions:
-            each.close()
+    assert unused == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["guest", "process_0", COORDINATOR])
 def test_nobody_asks_the_router_who_listens(router: Router, name: str) -> None:
     """Not even who leads: asked while somebody declares, a router can lock up for good."""
-    credentials = router.credentials(name)
-    with open_client(router.endpoint, credentials=credentials) as asks:
-        Ear(asks)
+    with open_client(router.endpoint, credentials=router.credentials(name)) as asks:
+        asks.declare_subscriber(everything(RUN))
         found = list(asks.get("@/*/router/subscriber/**", timeout=1.0))
     assert [reply for reply in found if reply.ok is not None] == []
 

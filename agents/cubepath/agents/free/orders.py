@@ -11,14 +11,14 @@ from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 
-class OwnMove(msgspec.Struct, frozen=True):
+class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A module's own move of a schedule, and how often its units were written and read before."""
 
     placed: GeneratorPlacement
     after: list[tuple[Json, int, int | None]]
 
 
-class FreeOrders(msgspec.Struct, frozen=True):
+class FreeOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a module process is told."""
 
     endpoint: str

@@ -23,32 +23,32 @@ from cubepath.protocol.core.output_files import appended_file
 from cubepath.protocol.wire.free_messages import Decision, Enter, Moved, Passed
 
 
-class Prepared(msgspec.Struct, frozen=True, tag="prepared"):
+class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="prepared"):
     """An attempt is prepared, with all that is passed on of it."""
 
     passed: Passed
 
 
-class Decided(msgspec.Struct, frozen=True, tag="decided"):
+class Decided(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="decided"):
     """What came of an attempt; its own refusals have nothing prepared before them."""
 
     decision: Decision
 
 
-class Committed(msgspec.Struct, frozen=True, tag="committed"):
+class Committed(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="committed"):
     """This keeper was the last of the chain: this record is the move."""
 
     passed: Passed
     decision: Decision
 
 
-class Born(msgspec.Struct, frozen=True, tag="born"):
+class Born(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="born"):
     """A module has entered."""
 
     enter: Enter
 
 
-class Acknowledged(msgspec.Struct, frozen=True, tag="acknowledged"):
+class Acknowledged(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="acknowledged"):
     """A keeper of the chain has taken note of a commit."""
 
     keeper: int
@@ -57,7 +57,7 @@ class Acknowledged(msgspec.Struct, frozen=True, tag="acknowledged"):
     number: int
 
 
-class Opened(msgspec.Struct, frozen=True, tag="opened"):
+class Opened(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="opened"):
     """A keeper has opened its log, in one of its births."""
 
     run: str

@@ -10,7 +10,7 @@ import msgspec
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 
-class KeeperOrders(msgspec.Struct, frozen=True):
+class KeeperOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a keeper is told."""
 
     endpoint: str

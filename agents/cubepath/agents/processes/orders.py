@@ -15,7 +15,7 @@ OUTSIDE = "outside"
 """Instead of a rule's name: the modules are driven from outside, by `Acts` messages."""
 
 
-class Orders(msgspec.Struct, frozen=True):
+class Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a process is told at its birth."""
 
     endpoint: str

@@ -19,7 +19,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 RECORDED = "recorded"
 
 
-class RecordedChoice(msgspec.Struct, frozen=True, array_like=True):
+class RecordedChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
     """What a module chose in a round: the move that it claimed, what it noted, if it gave up."""
 
     move: GeneratorPlacement | None = None
@@ -28,7 +28,7 @@ class RecordedChoice(msgspec.Struct, frozen=True, array_like=True):
     failed: str | None = None
 
 
-class Recorded(msgspec.Struct, frozen=True):
+class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What some modules chose on record, and what they do when that is over."""
 
     choices: dict[int, list[RecordedChoice]]

@@ -187,7 +187,7 @@ def _box(
     )
 
 
-class _ScenarioFile(msgspec.Struct):
+class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
     starts: list[tuple[int, int]]
     goals: list[tuple[int, int]]
     obstacles: list[tuple[int, int]] = []

@@ -21,7 +21,7 @@ _GUEST = "guest"
 TLS = "tls/"
 
 
-class Credentials(msgspec.Struct, frozen=True):
+class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A name with its password, or with the folder that holds its certificate and key."""
 
     name: str = _GUEST

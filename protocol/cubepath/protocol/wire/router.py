@@ -52,7 +52,7 @@ _START_S_MAX = 30.0
 _END_S_MAX = 5.0
 
 
-class Routing(msgspec.Struct, frozen=True):
+class Routing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a router process is told at its birth."""
 
     endpoint: str
