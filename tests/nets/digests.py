@@ -4,7 +4,7 @@
     python tests/nets/digests.py compare old.gz new.gz --words words.json
 
 Some minutes on one core and 10 MB. A name begins with what it is about, and ends with a seed. Walks
-and actions are drawn here, so only results of rules (`moves`, `rule`, `many`, `freely`, `proof`),
+and actions are drawn here, so only results of rules (`placed`, `rule`, `many`, `freely`, `proof`),
 of schedulers (`free`) and of scenes with a seed can change when the library draws its random
 numbers otherwise. Keys are words of this file; only what the library itself names can need a table.
 What searches take from a clock is ample, so that none is stopped by it.
@@ -83,16 +83,12 @@ def states(found: Iterable[Iterable[Site]]) -> list[Any]:
     return [plain(protocol.in_order(state)) for state in found]
 
 
-def options(scene: Scene, state: frozenset[Site]) -> list[Action]:
-    return coordinator.actions_at(scene, state)
-
-
 @cache
 def walk(spec: str, seed: int) -> tuple[list[Action], list[frozenset[Site]]]:
     """Return a random path that turns back here and there, and its states."""
     random, scene = Random(f"{spec}/{seed}"), scene_of(spec)  # noqa: S311 - not for secrets
     path, passed = list[Action](), [frozenset(scene.start_state)]
-    while len(path) < 30 and (possible := options(scene, passed[-1])):
+    while len(path) < 30 and (possible := coordinator.actions_at(scene, passed[-1])):
         turns = bool(path) and random.random() < 0.2
         path.append(path[-1] if turns else random.choice(possible))
         passed.append(protocol.apply(path[-1], passed[-1]))
@@ -127,7 +123,7 @@ def walk_(spec: str, seed: int) -> Any:
     scene = scene_of(spec)
     return {
         "states": states(passed),
-        "admissible": [plain(options(scene, state)) for state in passed[::3]],
+        "admissible": [plain(coordinator.actions_at(scene, state)) for state in passed[::3]],
         "unfilled": plain(coordinator.unfilled(scene, passed[-1])),
         "commute": "".join(str(int(protocol.commute(a, b))) for a in path for b in path[:9]),
         "why": [protocol.why_inadmissible(action, passed[0]) for action in path],
@@ -148,7 +144,8 @@ def shortened(found: coordinator.Shortened) -> Any:
 
 def document(found: dict[str, Any]) -> Any:
     """Return a document without what clocks and folders say."""
-    return {key: plain(each) for key, each in found.items() if key not in ("seconds", "spent")}
+    left_out = ("seconds", "spent", "proof")
+    return {key: plain(each) for key, each in found.items() if key not in left_out}
 
 
 def lines(path: Path) -> list[Any]:
@@ -180,39 +177,38 @@ def path_(spec: str, seed: int) -> Any:
     }
 
 
-def self_contained(spec: str, seed: int) -> list[PathMove]:
-    path, passed = walk(spec, seed)
-    return [
-        PathMove(action, f"move {number}", frozenset(state & action.support))
-        for number, (action, state) in enumerate(zip(path, passed, strict=False))
-    ]
-
-
-def moves_(spec: str, seed: int) -> Any:
-    """The path as a file without a system, and one of a rule as a file with it."""
-    played = agents.play(scene_of(spec), "random", seed=seed, max_rounds=12)
-    state, placed = frozenset(scene_of(spec).start_state), list[PathMove]()
-    for action, name in zip(played.path, played.placed, strict=True):
-        placed.append(PathMove(action, name, state & action.support))
-        state = protocol.apply(action, state)
-    found: dict[str, Any] = {"played": shortened(coordinator.shorten(played))}
+def of_file(moves: Sequence[PathMove], spec: str | None) -> Any:
     with tempfile.TemporaryDirectory() as folder:
-        for kind, moves in (("listed", self_contained(spec, seed)), ("placed", placed)):
-            given, cubes = Path(folder, f"{kind}.jsonl"), Path(folder, f"{kind}.cubes.jsonl")
-            protocol.write_moves(given, moves)
-            short = coordinator.shorten(given, system=spec if kind == "placed" else None)
-            protocol.write_cubes(cubes, short.named)
-            durations = coordinator.durations_of(moves, protocol.Durations(Fraction(3, 2), {}, {}))
-            found[kind] = {
-                "file": lines(given),
-                "read": plain([each.action for each in protocol.read_moves(given)])
-                if kind == "listed"
-                else None,
-                "shortened": shortened(short),
-                "cubes": lines(cubes),
-                "makespan": plain(coordinator.earliest([m.action for m in moves], durations)),
-            }
-    return found
+        given, cubes = Path(folder, "moves.jsonl"), Path(folder, "cubes.jsonl")
+        protocol.write_moves(given, moves)
+        found = coordinator.shorten(given, system=spec)
+        protocol.write_cubes(cubes, found.named)
+        read = protocol.read_moves(given, None if spec is None else scene_of(spec))
+        durations = coordinator.durations_of(moves, protocol.Durations(Fraction(3, 2), {}, {}))
+        return {
+            "file": lines(given),
+            "read": plain([each.action for each in read]),
+            "shortened": shortened(found),
+            "cubes": lines(cubes),
+            "timed": plain(coordinator.earliest([each.action for each in moves], durations)),
+        }
+
+
+def listed_(spec: str, seed: int) -> Any:
+    """A walk by way of a file that needs no system."""
+    path, passed = walk(spec, seed)
+    moves = enumerate(zip(path, passed, strict=False))
+    return of_file([PathMove(a, f"move {n}", state & a.support) for n, (a, state) in moves], None)
+
+
+def placed_(spec: str, seed: int) -> Any:
+    """A run by way of a file of generators and places, and without a file."""
+    played = agents.play(scene_of(spec), "random", seed=seed, max_rounds=12)
+    state, moves = frozenset(scene_of(spec).start_state), list[PathMove]()
+    for action, name in zip(played.path, played.placed, strict=True):
+        moves.append(PathMove(action, name, state & action.support))
+        state = protocol.apply(action, state)
+    return {"played": shortened(coordinator.shorten(played)), "file": of_file(moves, spec)}
 
 
 def complex_(spec: str) -> Any:
@@ -272,18 +268,14 @@ def proof_(spec: str) -> Any:
         better = coordinator.beyond(
             coordinator.task_of(found), found, iterations=40, prove=600, proof=path, max_states=2000
         )
-        checked = (
-            [plain(coordinator.check_optimality(protocol.read_proof(path)))]
-            if path.exists()
-            else []
-        )
+        proofs = [protocol.read_proof(path)] if path.exists() else []
     return {
         "cubes": [found.cubes, better.improved, better.lower_bound, better.agreed],
         "optimal": [better.optimal, better.only_class, better.why],
         "path": plain(better.cube_path),
         "names": plain(better.named),
         "document": document(better.document()),
-        "proof": checked,
+        "proof": plain(map(coordinator.check_optimality, proofs)),
     }
 
 
@@ -463,7 +455,8 @@ def of_scene(spec: str) -> Iterator[Task]:
         for kind, of_seed in (
             ("walk", walk_),
             ("path", path_),
-            ("moves", moves_),
+            ("listed", listed_),
+            ("placed", placed_),
             ("search", search_),
         ):
             yield f"{kind} {spec} {seed}", partial(of_seed, spec, seed)
@@ -502,10 +495,12 @@ def tasks() -> Iterator[Task]:
         yield f"recording {path.stem}", partial(recording_, path)
 
 
-def taken(began: float) -> Iterator[tuple[str, bytes]]:
+def taken(began: float, only: Sequence[str]) -> Iterator[tuple[str, bytes]]:
     """Yield each name with its canonical text; a refusal is a result as well."""
     spent: dict[str, float] = {}
     for name, task in tasks():
+        if only and name.partition(" ")[0] not in only:
+            continue
         start = time.monotonic()
         try:
             found = task()
@@ -523,11 +518,12 @@ def taken(began: float) -> Iterator[tuple[str, bytes]]:
 
 def main() -> int:
     """Take digests, or compare them."""
-    found, _ = parser(__doc__)
+    found, take = parser(__doc__)
+    take.add_argument("--only", nargs="+", default=(), metavar="KIND", help="such as walk or rule")
     asked = found.parse_args()
     if asked.command == "compare":
         return compared(asked)
-    count = write(asked.file, taken(time.monotonic()))
+    count = write(asked.file, taken(time.monotonic(), asked.only))
     print(f"{count} results, {asked.file.stat().st_size / 1e6:.1f} MB")
     return 0
 
