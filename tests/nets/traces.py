@@ -6,9 +6,9 @@ of the simulated wire with each message decoded, the recording or the commits, a
     python tests/nets/traces.py take free.gz --clock free --count 1000 -n 2
     python tests/nets/traces.py compare old.gz new.gz --words words.json
 
-Some minutes and 15 MB for 1,000 seeds under one clock. All that is drawn from a
-seed hangs on the random numbers of rules: once these are drawn otherwise, traces have to be taken
-anew. What must be looked up in the project is in `_simulator` alone.
+Some minutes and 15 MB for 1,000 seeds under one clock. What a seed stands for hangs on the random
+numbers of rules: once these are drawn otherwise, traces have to be taken anew. Beyond the four
+imports, fields of runs and traces are read in `taken` alone.
 """
 
 from __future__ import annotations
