@@ -64,9 +64,12 @@ VARYING = [
     (r"(?i)\b(pid|process id) \d+", r"\1 <PID>"),
     (r'("(?:\w+_)?(?:seconds|secs|took|elapsed|wall_s|time_s|duration_s)": ?)[-\d.e]+', r"\1<S>"),
     (r"(?m)^((?:time|took|wall|wall time) +).*$", r"\1<S>"),
-    (r"\b\d+(\.\d+)? (s|ms|min)\b(?! for)", "<S>"),
+    (r"\b\d+(\.\d+)? (s|ms|min)\b(?! for)|\b\d+\.\d+s\b", "<S>"),
     (r"\b\d+(\.\d+)?(e[+-]\d+)? ?(k|M)?B/s\b|\b\d+(\.\d+)? ?\w+/s\b", "<RATE>"),
     (r"(?m)^(size +)\d+ bytes", r"\1<N> bytes"),
+    (r'("seeds_per_second": ?)[\d.]+', r"\1<RATE>"),
+    (r'("parent_sha256": ?)"[0-9a-f]{64}"', r'\1"<SUM>"'),
+    (r"(?m)^(parent_sha256 +)[0-9a-f]{64}$", r"\1<SUM>"),
     (r'("bytes": ?)\d+(?=, "message_bytes")', r"\1<N>"),
     (r"(?m)^(  (?:cubepath|python|eclipse-zenoh|mcap|pettingzoo|numpy|platform) +).*$", r"\1<V>"),
     (r'("(?:cubepath|python|eclipse-zenoh|mcap|pettingzoo|numpy|platform)": ?)"[^"]*"', r'\1"<V>"'),
@@ -89,6 +92,7 @@ def masked(text: str) -> str:
     """Return the kinds of lines of a text: without numbers, digests and repetitions."""
     text = re.sub(r"[0-9a-f]{12,}", "#", text)
     text = re.sub(r"-?\b\d+(\.\d+)?\b", "#", text)
+    text = re.sub(r'("goal_reached": )(true|false)|(?m:^(goal +)(not )?reached)', r"\1\3#", text)
     text = re.sub(r"(\[[#, ]*\](, ?)?)+|#(, ?#)+", "#...", text)
     return "\n".join(sorted({line.rstrip() for line in text.splitlines()}))
 
@@ -138,8 +142,10 @@ def record_blocks(reader: McapReader, *, loose: bool, whole: bool) -> Iterator[s
         yield f"--- attachment {each.name} {each.media_type}\n{text}"
     for record in reader.iter_metadata():
         lines = [f"--- metadata {record.name}"]
-        for key, value in record.metadata.items():
-            told = masked(value) if loose and record.name != "cubepath" else value
+        for key, told in record.metadata.items():
+            if loose and record.name != "cubepath":
+                lines.append(f'"{key}"')
+                continue
             lines.append(f'"{key}": {told}' if told.startswith("{") else f'"{key}": "{told}"')
         yield "\n".join(lines)
 
@@ -207,10 +213,11 @@ def parquet_lines(path: Path) -> Iterator[str]:
 
 
 def svg_lines(path: Path) -> Iterator[str]:
-    """Yield a hash of a drawing, and the comments in it."""
-    data = path.read_bytes()
-    yield f"{len(data)} {digest(data)}"
-    yield from re.findall(r"<!-- .*? -->", data.decode())
+    """Yield a hash of a drawing, whose paths are in any order, and the comments in it."""
+    text = re.sub(r"<dc:date>.*?</dc:date>|\b[pm][0-9a-f]{10}\b", "", path.read_text())
+    lines = text.splitlines()
+    yield f"{len(lines)} lines {digest(chr(10).join(sorted(lines)).encode())}"
+    yield from (line.strip() for line in lines if line.lstrip().startswith("<!-- "))
 
 
 READERS: dict[str, Callable[[Path], Iterable[str]]] = {
