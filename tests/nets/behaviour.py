@@ -92,6 +92,7 @@ def masked(text: str) -> str:
     """Return the kinds of lines of a text: without numbers, digests and repetitions."""
     text = re.sub(r"[0-9a-f]{12,}", "#", text)
     text = re.sub(r"-?\b\d+(\.\d+)?\b", "#", text)
+    text = re.sub(r"# problems\b", "# problem", text)
     text = re.sub(r'("goal_reached": )(true|false)|(?m:^(goal +)(not )?reached)', r"\1\3#", text)
     text = re.sub(r"(\[[#, ]*\](, ?)?)+|#(, ?#)+", "#...", text)
     return "\n".join(sorted({line.rstrip() for line in text.splitlines()}))
