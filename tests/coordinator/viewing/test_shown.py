@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.normal_form.definitions import obvious_normal_form
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.viewing.packing import pack, unpack
 from cubepath.coordinator.viewing.shown import Shown, document_of
 from cubepath.coordinator.viewing.worlds import World
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
+from obvious import obvious_normal_form
 from watched_pages import KINDS, followed, pivoting_squares, watched
 
 GOLDEN = Path(__file__).parents[3] / "logs" / "golden"
