@@ -458,7 +458,7 @@ def _system_text(value: object) -> str:
 
 def _seeds(value: object) -> tuple[int, ...]:
     if isinstance(value, list):
-        return checked_seeds([_whole("seeds", each) for each in _several(value)], "seeds")
+        return checked_seeds([_whole("seeds", each) for each in _several(value)])
     if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
         return seeds_of(str(value))
     raise InputError(f"seeds: expected a number, a text as '5..9' or a list, found {value!r}")
