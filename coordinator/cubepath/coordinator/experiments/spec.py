@@ -104,7 +104,7 @@ class Sweep:
             if getattr(self, key) > LARGEST:
                 raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
         _check_timeout(self.timeout_s)
-        checked_seeds(list(self.seeds), "seeds")
+        checked_seeds(list(self.seeds))
         for rates in self.faults:
             _check_rates(rates)
         _check_rules(self.rules)
