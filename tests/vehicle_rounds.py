@@ -133,9 +133,6 @@ def is_legal(starts: list[Cell], rounds: dict[int, list[Move]], rule: str) -> bo
     return True
 
 
-Timed = tuple[Move, Fraction]
-
-
 def obvious_timetable(drawn: Drawn, rule: str, times: dict[frozenset[Cell], Fraction]) -> set[Any]:
     """Return vehicle, source, target and start of each move, by iteration to a fixpoint.
 

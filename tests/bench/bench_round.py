@@ -57,6 +57,7 @@ from cubepath.protocol.wire.messages import (
     Said,
     parts_of,
 )
+from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, publisher, put, subscribe
 
@@ -113,7 +114,8 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
         RecordingWriter(Path(folder) / "run.mcap", scene, {}) as writer,
     ):
 
-        def sink(message: Message, data: bytes, wall_ns: int) -> None:
+        def sink(found: Keep[Message], wall_ns: int) -> None:
+            message, data = found.message, found.data
             writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
             conductor.hear(message)
             kept.append((message, data))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -228,6 +229,20 @@ def test_a_damaged_file_is_compiled_and_kept_again(tmp_path: Path) -> None:
         [path] = room.kept.glob(f"outer.call-*.{ending}")
         path.write_bytes(b"")
         assert room.call("outer") == (71, False)
+    assert room.call("outer") == (71, True)
+
+
+@pytest.mark.thorough
+def test_code_with_types_that_have_moved_is_compiled_and_kept_again(tmp_path: Path) -> None:
+    """An index that names a module which a newer version no longer has costs one compilation."""
+    room = installation(tmp_path, "tree")
+    room.call("outer")
+    assert room.kept is not None
+    [path] = room.kept.glob("outer.call-*.nbi")
+    with path.open("rb") as stream:
+        version = pickle.load(stream)  # noqa: S301 - our own
+    path.write_bytes(pickle.dumps(version) + b"cmoved.away\nTable\n.")
+    assert room.call("outer") == (71, False)
     assert room.call("outer") == (71, True)
 
 

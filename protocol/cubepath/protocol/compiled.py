@@ -122,6 +122,10 @@ def _view(argument: Any) -> Any:
     return argument
 
 
+_UNREADABLE = (EOFError, UnpicklingError, ImportError, AttributeError)
+"""What reading kept code raises if it was cut off, or names a type that has gone or moved since."""
+
+
 class Compiled(Generic[_Arguments, _Result]):
     """A function that is compiled on its first call, or loaded if it was compiled before."""
 
@@ -190,7 +194,7 @@ class Compiled(Generic[_Arguments, _Result]):
 
     def kept(self) -> bool:
         """Return whether compiled code of this version is on disk; imports numba."""
-        with suppress(OSError, EOFError, UnpicklingError, AttributeError):
+        with suppress(OSError, *_UNREADABLE):
             cache = self.dispatcher._cache  # noqa: SLF001 - numba has no public access to its cache
             return bool(cache._cache_file._load_index())  # noqa: SLF001
         return False
@@ -237,7 +241,7 @@ def _keep_until_a_callee_changes(dispatcher: Any, stamp: str) -> None:
             return load(*arguments)
         except OSError:  # not ours to read
             return None
-        except (EOFError, UnpicklingError):  # cut off: begin again
+        except _UNREADABLE:  # begin again
             with suppress(OSError):
                 kept.flush()
             return None

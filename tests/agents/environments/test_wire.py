@@ -29,6 +29,7 @@ from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.messages import Message, Report, decode, parts_of
+from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.sessions import open_client, subscribe
 from local_families import LOCAL_FAMILIES
 from marked import some
@@ -64,8 +65,8 @@ def reports_of(
     """Return all reports of a run on the wire, in order of round and module."""
     found: list[Report] = []
 
-    def sink(message: Message, data: bytes, wall_ns: int) -> None:
-        found.extend(part for part in parts_of(message) if isinstance(part, Report))
+    def sink(kept: Keep[Message], wall_ns: int) -> None:
+        found.extend(part for part in parts_of(kept.message) if isinstance(part, Report))
 
     with Fleet(scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink) as fleet:
         for _ in fleet.rounds(rounds):
@@ -115,8 +116,8 @@ def reports_of_seeds(
     """Yield the reports of the seeds 0, 1, ... on one fleet, each as many rounds as were played."""
     found: list[Report] = []
 
-    def sink(message: Message, data: bytes, wall_ns: int) -> None:
-        found.extend(part for part in parts_of(message) if isinstance(part, Report))
+    def sink(kept: Keep[Message], wall_ns: int) -> None:
+        found.extend(part for part in parts_of(kept.message) if isinstance(part, Report))
 
     with Fleet(scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink) as fleet:
         for seed, one in enumerate(played):
@@ -303,8 +304,8 @@ def test_runs_side_by_side_do_not_hear_each_other() -> None:
     both: list[list[Report]] = [[], []]
 
     def sink_to(found: list[Report]) -> object:
-        def sink(message: Message, data: bytes, wall_ns: int) -> None:
-            found.extend(part for part in parts_of(message) if isinstance(part, Report))
+        def sink(kept: Keep[Message], wall_ns: int) -> None:
+            found.extend(part for part in parts_of(kept.message) if isinstance(part, Report))
 
         return sink
 

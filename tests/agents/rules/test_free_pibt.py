@@ -2,60 +2,15 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Sequence
-from itertools import pairwise
-
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.free_pibt import AT_GOAL, PushRegister, patience
 from cubepath.agents.rules.pibt import PIBT
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.graphs import graph_from_name
 from free_plays import Pace, paces
-
-Edges = Sequence[tuple[Site, Site]]
-
-
-def scene_on(edges: Edges, starts: Sequence[Site], goals: Sequence[Site]) -> Scene:
-    vertices = {end for edge in edges for end in edge}
-    return Scene(
-        spec="test",
-        family="agv-labelled",
-        system=GraphSystem(vertices, edges, labels=len(starts)),
-        start=tuple((vertex, label) for label, vertex in enumerate(starts)),
-        goal=frozenset((vertex, label) for label, vertex in enumerate(goals)),
-        goals=tuple((goal,) for goal in goals),
-    )
-
-
-def random_scene(graph: str, vehicles: int, seed: int) -> Scene:
-    found = graph_from_name(graph)
-    chosen = random.Random(seed)  # noqa: S311 - a test's instance is no secret
-    starts, goals = (chosen.sample(found.vertices, vehicles) for _ in range(2))
-    return scene_on(found.edges, starts, goals)
-
-
-@st.composite
-def without_cut_vertices(draw: st.DrawFn) -> Scene:
-    """Return vehicles on a cycle with chords and a further ear, with one or two empty vertices."""
-    size = draw(st.integers(3, 7))
-    edges = [(vertex, (vertex + 1) % size) for vertex in range(size)]
-    ends = st.lists(st.integers(0, size - 1), min_size=2, max_size=2, unique=True)
-    edges += [(one, other) for one, other in draw(st.lists(ends, max_size=2))]
-    one, other = draw(ends)
-    ear = [one, *range(size, size + draw(st.integers(0, 2))), other]
-    edges += pairwise(ear)
-    size += len(ear) - 2
-    vehicles = size - draw(st.integers(1, 2))
-    starts = draw(st.permutations(range(size)))[:vehicles]
-    goals = draw(st.permutations(range(size)))[:vehicles]
-    return scene_on(edges, starts, goals)
+from vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
 
 
 class Kept(Exception):  # noqa: N818 - no error: it ends a play
@@ -105,7 +60,7 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, scheduler: str) -> 
     """Where there is room all vehicles get to their goals, and none gives up."""
     for seed in range(2):
         pace = Pace(scheduler, seed=seed, lag=(0, 5)[seed % 2], restarts=((20, seed), (60, seed)))
-        played = pace.play(random_scene(graph, vehicles, seed), PIBT)
+        played = pace.play(random_labelled_scene(graph, vehicles, seed), PIBT)
         assert played.failed is None
         assert played.reached
 
@@ -113,7 +68,7 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, scheduler: str) -> 
 def test_a_row_is_pushed_back_from_its_end() -> None:
     """The strongest pushes a whole row, and the last of the row goes first."""
     row = [(vertex - 1, vertex) for vertex in range(1, 9)]
-    played = Pace("turns").play(scene_on(row, [0, 1, 2, 3], [3, 4, 5, 6]), PIBT)
+    played = Pace("turns").play(labelled_scene_on(row, [0, 1, 2, 3], [3, 4, 5, 6]), PIBT)
     assert played.reached
     assert played.moves[0].motion[0][0] == 3
 
@@ -122,20 +77,20 @@ def test_a_row_is_pushed_back_from_its_end() -> None:
 def test_who_is_full_gives_up_in_the_end() -> None:
     """Two that want to pass on a path cannot: somebody says so in one line."""
     row = [(0, 1), (1, 2)]
-    played = Pace("turns").play(scene_on(row, [0, 2], [2, 0]), PIBT)
+    played = Pace("turns").play(labelled_scene_on(row, [0, 2], [2, 0]), PIBT)
     assert played.failed is not None
     assert f"more than {patience(3)} moves for the goal" in played.failed
 
 
 def test_a_vehicle_without_a_way_gives_up() -> None:
     """In one line, in its first turn."""
-    played = Pace().play(scene_on([(0, 1), (2, 3)], [0], [3]), PIBT)
+    played = Pace().play(labelled_scene_on([(0, 1), (2, 3)], [0], [3]), PIBT)
     assert played.failed == "module_0: no way from 0 to the goal 3"
 
 
 def test_whoever_leaves_its_goal_is_weaker_than_all_it_knew_of() -> None:
     """Times only grow, and go past those within reach."""
-    scene = random_scene("grid4x4", 6, 1)
+    scene = random_labelled_scene("grid4x4", 6, 1)
     times: dict[int, int] = {}
 
     def watch(world: FreeWorld, acted: Acted) -> None:

@@ -88,11 +88,8 @@ def test_a_rule_without_an_argument_is_for_rounds_alone() -> None:
         rule_named("chain", scene_from_spec("arm:n=3").system, "free")
 
 
-@pytest.mark.few(5)
-@pytest.mark.slow
-@pytest.mark.parametrize("spec", LOCAL_FAMILIES)
-def test_random_makes_legal_moves_alone(spec: str) -> None:
-    """From every family's default scene, each commit is admissible where the ones before led."""
+def legal_moves(spec: str, **played: Any) -> int:
+    """Return the number of moves of a play, each admissible where the ones before led."""
     scene = scene_from_spec(spec)
     state = set(scene.start_state)
     count = 0
@@ -105,8 +102,16 @@ def test_random_makes_legal_moves_alone(spec: str) -> None:
             assert set(world.sites) | scene.system.filled == state
             count += 1
 
-    play_free(scene, RANDOM, seed=1, lag=4, max_cycles=60, watch=watch)
-    assert count
+    play_free(scene, RANDOM, seed=1, watch=watch, **played)
+    return count
+
+
+@pytest.mark.few(5)
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", LOCAL_FAMILIES)
+def test_random_makes_legal_moves_alone(spec: str) -> None:
+    """From every family's default scene, each commit is admissible where the ones before led."""
+    assert legal_moves(spec, lag=4, max_cycles=60)
 
 
 @pytest.mark.parametrize("length", [2, lambda _: "2", lambda _: 1 // 0])
@@ -123,19 +128,8 @@ def test_a_rule_that_cannot_tell_how_long_its_notes_are_is_named(length: Any) ->
 @pytest.mark.thorough
 def test_random_makes_ten_thousand_legal_moves() -> None:
     """With views up to five commits old, and one vehicle a hundred times slower."""
-    scene = scene_from_spec("agv-labelled:graph=grid8x8,n=20")
-    state = set(scene.start_state)
-    count = 0
-
-    def watch(world: FreeWorld, acted: Acted) -> None:
-        nonlocal state, count
-        if acted.move is not None and acted.moved is not None:
-            assert acted.move.possible(state)
-            state = set(apply(acted.move.action, frozenset(state)))
-            count += 1
-
-    play_free(scene, RANDOM, seed=1, lag=5, max_cycles=800, speeds={0: 100}, watch=watch)
-    assert count > 10_000
+    spec = "agv-labelled:graph=grid8x8,n=20"
+    assert legal_moves(spec, lag=5, max_cycles=800, speeds={0: 100}) > 10_000
 
 
 @pytest.mark.slow

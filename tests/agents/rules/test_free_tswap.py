@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
@@ -20,8 +19,7 @@ from cubepath.agents.rules.tswap import TSWAP
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
 from free_plays import Pace, paces
-
-Edges = Sequence[tuple[int, int]]
+from vehicle_scenes import cycle, scene_on
 
 
 class Goals:
@@ -56,22 +54,6 @@ class Goals:
         if self.left is not None:
             assert left == self.left if posts else left < self.left
         self.left = left
-
-
-def scene_on(edges: Edges, starts: Sequence[int], goals: Sequence[int]) -> Scene:
-    vertices = {end for edge in edges for end in edge}
-    return Scene(
-        spec="test",
-        family="agv",
-        system=GraphSystem(vertices, edges),
-        start=tuple(starts),
-        goal=frozenset(goals),
-        goals=tuple((goal,) for goal in goals),
-    )
-
-
-def cycle(size: int) -> list[tuple[int, int]]:
-    return [(vertex, (vertex + 1) % size) for vertex in range(size)]
 
 
 def played(scene: Scene, pace: Pace, *, max_cycles: int = 4000) -> tuple[FreePlayed, Goals]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from statistics import mean
 
@@ -23,28 +20,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_name
+from vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
-Edges = Sequence[tuple[Site, Site]]
-
-
-def scene_on(edges: Edges, starts: Sequence[Site], goals: Sequence[Site]) -> Scene:
-    vertices = {end for edge in edges for end in edge}
-    return Scene(
-        spec="test",
-        family="agv-labelled",
-        system=GraphSystem(vertices, edges, labels=len(starts)),
-        start=tuple((vertex, label) for label, vertex in enumerate(starts)),
-        goal=frozenset((vertex, label) for label, vertex in enumerate(goals)),
-        goals=tuple((goal,) for goal in goals),
-    )
-
-
-def random_scene(graph: str, vehicles: int, seed: int) -> Scene:
-    found = graph_from_name(graph)
-    chosen = random.Random(seed)  # noqa: S311 - a test's instance is no secret
-    starts, goals = (chosen.sample(found.vertices, vehicles) for _ in range(2))
-    return scene_on(found.edges, starts, goals)
 
 
 def path(size: int) -> list[tuple[int, int]]:
@@ -62,7 +40,7 @@ def run(scene: Scene, *, seed: int = 0, hesitate: float = 0.0, max_rounds: int =
 def test_roomy_graphs_are_reached(graph: str, vehicles: int, hesitate: float) -> None:
     """Where there is room all vehicles get to their goals, and none gives up."""
     for seed in range(3):
-        played = run(random_scene(graph, vehicles, seed), seed=seed, hesitate=hesitate)
+        played = run(random_labelled_scene(graph, vehicles, seed), seed=seed, hesitate=hesitate)
         assert played.failed is None
         assert played.reached
 
@@ -79,26 +57,11 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, hesitate: float) ->
 def test_nobody_gives_up_in_runs_that_reach(graph: str, vehicles: int) -> None:
     """Many seeds where there is room: nobody runs out of patience."""
     for seed in range(60):
-        played = run(random_scene(graph, vehicles, seed), seed=seed, hesitate=(seed % 2) * 0.3)
+        played = run(
+            random_labelled_scene(graph, vehicles, seed), seed=seed, hesitate=(seed % 2) * 0.3
+        )
         assert played.failed is None
         assert played.reached
-
-
-@st.composite
-def without_cut_vertices(draw: st.DrawFn) -> Scene:
-    """Return vehicles on a cycle with chords and a further ear, with one or two empty vertices."""
-    size = draw(st.integers(3, 7))
-    edges = [(vertex, (vertex + 1) % size) for vertex in range(size)]
-    ends = st.lists(st.integers(0, size - 1), min_size=2, max_size=2, unique=True)
-    edges += [(one, other) for one, other in draw(st.lists(ends, max_size=2))]
-    one, other = draw(ends)
-    subscriber = [one, *range(size, size + draw(st.integers(0, 2))), other]
-    edges += pairwise(subscriber)
-    size += len(subscriber) - 2
-    vehicles = size - draw(st.integers(1, 2))
-    starts = draw(st.permutations(range(size)))[:vehicles]
-    goals = draw(st.permutations(range(size)))[:vehicles]
-    return scene_on(edges, starts, goals)
 
 
 def check_promise(scene: Scene, seed: int, hesitate: float) -> None:
@@ -139,7 +102,7 @@ def test_each_gets_to_its_goal_in_many_more_instances(
 def test_a_push_runs_down_a_corridor() -> None:
     """The strongest pushes a whole row back, the last of the row goes first."""
     # 0 is the strongest at the start; its goal is three on, where the row stands.
-    played = run(scene_on(path(9), [0, 1, 2, 3], [3, 4, 5, 6]))
+    played = run(labelled_scene_on(path(9), [0, 1, 2, 3], [3, 4, 5, 6]))
     assert played.reached
     first = [move.motion[0][0] for move in played.rounds[0].moves.values()]
     assert first == [(3, 3)]
@@ -147,7 +110,7 @@ def test_a_push_runs_down_a_corridor() -> None:
 
 def test_the_pusher_waits_for_the_pushed() -> None:
     """No vehicle enters a vertex in the round in which another leaves it."""
-    scene = random_scene("grid4x4", 10, 2)
+    scene = random_labelled_scene("grid4x4", 10, 2)
     places: dict[int, Site] = {
         label: scene.system.place_of(site) for label, site in enumerate(scene.start)
     }
@@ -166,14 +129,14 @@ def test_who_is_told_full_gives_way() -> None:
     """Two in the leaves of a star swap: one that stands in the way of the other goes aside."""
     star = [(0, leaf) for leaf in (1, 2, 3)]
     for seed in range(5):
-        played = run(scene_on(star, [1, 2], [2, 1]), seed=seed)
+        played = run(labelled_scene_on(star, [1, 2], [2, 1]), seed=seed)
         assert played.reached
 
 
 @pytest.mark.parametrize("size", [2, 3, 6])
 def test_a_swap_on_a_path_fails_in_one_line(size: int) -> None:
     """Two that must pass each other on a path: one gives up, within the bound that is stated."""
-    played = run(scene_on(path(size), [0, size - 1], [size - 1, 0]), max_rounds=5000)
+    played = run(labelled_scene_on(path(size), [0, size - 1], [size - 1, 0]), max_rounds=5000)
     assert not played.reached
     most = patience(size)
     assert played.failed is not None
@@ -184,14 +147,14 @@ def test_a_swap_on_a_path_fails_in_one_line(size: int) -> None:
 
 def test_unreachable_goal_fails_in_the_first_round() -> None:
     """A vehicle that is cut off from its goal says so at once."""
-    played = run(scene_on([(0, 1), (2, 3)], [0, 2], [3, 1]))
+    played = run(labelled_scene_on([(0, 1), (2, 3)], [0, 2], [3, 1]))
     assert played.failed == "module_0: no way from 0 to the goal 3"
     assert len(played.rounds) == 1
 
 
 def test_it_is_deterministic() -> None:
     """The same seed gives the same run, with ties broken from the vehicles' own streams."""
-    scene = random_scene("grid5x5", 10, 1)
+    scene = random_labelled_scene("grid5x5", 10, 1)
     one, two = (run(scene, seed=4, hesitate=0.2) for _ in range(2))
     assert one == two
 
@@ -217,7 +180,7 @@ def test_loop_chain_map_is_reached() -> None:
     ring: list[Site] = [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)]
     edges = graph_from_name(str(DATA / "loop-chain.map")).edges
     for seed in range(5):
-        assert run(scene_on(edges, ring[:4], ring[2:6]), seed=seed).reached
+        assert run(labelled_scene_on(edges, ring[:4], ring[2:6]), seed=seed).reached
 
 
 def test_12_vehicles_on_a_small_grid_reach() -> None:

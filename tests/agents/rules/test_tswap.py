@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import mean
@@ -22,9 +21,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_map, graph_from_name
+from vehicle_scenes import cycle, scene_on
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
-Edges = Sequence[tuple[int, int]]
 
 
 class Run:
@@ -74,22 +73,6 @@ class Run:
     def reached(self) -> bool:
         """Tell whether all goals are taken."""
         return self.scene.reached(self.world.sites)
-
-
-def scene_on(edges: Edges, starts: Sequence[int], goals: Sequence[int]) -> Scene:
-    vertices = {end for edge in edges for end in edge}
-    return Scene(
-        spec="test",
-        family="agv",
-        system=GraphSystem(vertices, edges),
-        start=tuple(starts),
-        goal=frozenset(goals),
-        goals=tuple((goal,) for goal in goals),
-    )
-
-
-def cycle(size: int) -> list[tuple[int, int]]:
-    return [(vertex, (vertex + 1) % size) for vertex in range(size)]
 
 
 def random_scene(graph: str, vehicles: int, seed: int) -> Scene:

@@ -20,7 +20,7 @@ from cubepath.coordinator.normal_form.certificate import (
     encodable_certificate,
     link,
 )
-from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
+from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.protocol.core.actions import Action, commute
@@ -34,6 +34,7 @@ from cubepath.protocol.path_files.certificates import (
     write_certificate,
 )
 from cubepath.protocol.wire.messages import Certified, encode
+from obvious import obvious_normal_form
 from strategies import (
     SCENES,
     Word,

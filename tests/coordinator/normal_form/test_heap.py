@@ -19,14 +19,11 @@ from hypothesis import strategies as st
 from complexes import actions_at, commuting_sets
 from cubepath.coordinator.normal_form import heap as heap_module
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.coordinator.normal_form.definitions import (
-    end_state,
-    is_normal,
-    obvious_normal_form,
-)
+from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.system import Scene
+from obvious import obvious_normal_form
 from plain_steps import COMPILED, PLAIN, plain_steps
 from strategies import (
     SCENES,

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from numpy.random import default_rng
 
-from cubepath.coordinator.normal_form.definitions import obvious_normal_form
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.normal_path import shorten
@@ -22,6 +21,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.free_messages import Moved, Tail
 from free_runs import free_run, results, write
+from obvious import obvious_normal_form
 
 SPECS = (
     "agv:graph=grid6x6,n=6",

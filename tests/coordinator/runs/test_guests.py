@@ -16,6 +16,7 @@ import pytest
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Message, Reports
+from cubepath.protocol.wire.nodes import Keep
 
 pytestmark = pytest.mark.slow
 
@@ -90,9 +91,9 @@ def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> 
     """Play rounds, with a guest until some rounds after it has done what it does."""
     told: list[Reports] = []
 
-    def sink(message: Message, data: bytes, wall_ns: int) -> None:
-        if isinstance(message, Reports):
-            told.append(message)
+    def sink(kept: Keep[Message], wall_ns: int) -> None:
+        if isinstance(kept.message, Reports):
+            told.append(kept.message)
 
     scene = scene_from_spec("hex:n=30")
     with Fleet(scene, "random", seed=5, processes=2, sink=sink) as fleet:

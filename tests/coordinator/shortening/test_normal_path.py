@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.normal_form.definitions import end_state, is_normal, obvious_normal_form
+from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.protocol.core.actions import Action, admissible, apply
@@ -29,6 +29,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Report, Reports, encode
+from obvious import obvious_normal_form
 from strategies import scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"

@@ -144,7 +144,6 @@ def test_three_hundred_seeds_hold() -> None:
     assert outcomes["goal"] >= 50
 
 
-DOUBLE = Fault("process_1 down", 2, "duplicate", 30)
 LOST = Fault("process_1 down", 2, "loss")
 
 

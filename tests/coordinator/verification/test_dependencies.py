@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.normal_form.definitions import is_cube, obvious_normal_form
+from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.verification.dependencies import (
     check_dependencies,
     numbered,
@@ -17,6 +17,7 @@ from cubepath.coordinator.verification.dependencies import (
 )
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.actions import Action, commute
+from obvious import obvious_normal_form
 from random_runs import SPECS, random_run
 from strategies import class_key, crowded_words, linear_extensions, random_walk, toggle, words
 

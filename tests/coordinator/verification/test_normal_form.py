@@ -7,9 +7,9 @@ from itertools import chain
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.normal_form.definitions import obvious_normal_form
 from cubepath.coordinator.verification.normal_form import cubes_of, remaining
 from cubepath.protocol.core.actions import Action
+from obvious import obvious_normal_form
 from strategies import Word, crowded_words, words
 
 

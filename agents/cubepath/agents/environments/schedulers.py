@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from heapq import heapify, heapreplace
 from numbers import Real
-from typing import Literal, Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import real_number
-
-SchedulerName: TypeAlias = Literal["random", "unfair", "turns"]
 
 _TICKS = 1000
 """Between two turns of a module with speed factor 1, on average."""

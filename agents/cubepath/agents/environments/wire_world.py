@@ -26,6 +26,7 @@ from cubepath.protocol.wire.messages import (
     Report,
     Reports,
 )
+from cubepath.protocol.wire.nodes import Keep
 
 
 class WireWorld:
@@ -71,8 +72,8 @@ class WireWorld:
         self.sites: list[Site] = list(self.scene.start)
         self._sense()
 
-    def _take(self, message: Message, _data: bytes, _wall_ns: int) -> None:
-        match message:
+    def _take(self, kept: Keep[Message], _wall_ns: int) -> None:
+        match kept.message:
             case Observations(parts=observed):
                 self._observed.update((each.module, each) for each in observed)
             case Reports(parts=reports):

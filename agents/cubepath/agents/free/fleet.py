@@ -311,7 +311,7 @@ def next_births(logs: Path | None, run: str) -> Births:
     if logs is None:
         return first
     before = read_births(logs)
-    births = first if before is None else _after(before)
+    births = first if before is None else Births(before.run, before.birth + BIRTHS_OF_A_FLEET)
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -319,7 +319,3 @@ def next_births(logs: Path | None, run: str) -> Births:
     with written_whole(logs / BIRTHS) as file:
         file.write(msgspec.json.encode(births))
     return births
-
-
-def _after(before: Births) -> Births:
-    return Births(before.run, before.birth + BIRTHS_OF_A_FLEET)

@@ -221,7 +221,7 @@ class FileJournal:
                 " is older"
             )
         self._file.truncate(self._end)
-        self._write(opened)
+        self.append(opened)
 
     def __enter__(self) -> Self:
         """Return the journal."""
@@ -231,11 +231,8 @@ class FileJournal:
         """Close the file."""
         self._file.close()
 
-    def append(self, record: Record) -> None:
+    def append(self, record: Record | Opened) -> None:
         """Add a record; CheckError if it cannot be written."""
-        self._write(record)
-
-    def _write(self, record: Record | Opened) -> None:
         text = b"%d %b" % (self._number + 1, _encode(record))
         checksum = crc32(text, self._checksum)
         line = b"%08x %b\n" % (checksum, text)

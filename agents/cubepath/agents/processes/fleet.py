@@ -36,8 +36,8 @@ from cubepath.protocol.wire.nodes import Effect, Keep, Put
 from cubepath.protocol.wire.router import Router, without_tls
 from cubepath.protocol.wire.shell import Shell
 
-Sink: TypeAlias = Callable[[Message, bytes, int], None]
-"""Receives each message, its bytes on the wire and the wall time in nanoseconds."""
+Sink: TypeAlias = Callable[[Keep[Message], int], None]
+"""Receives each message with its bytes on the wire, and the wall time in nanoseconds."""
 
 _PRIVATE = Network()
 _POLL_S = 0.05
@@ -159,7 +159,7 @@ class Fleet:
         if self._network != _PRIVATE:
             self._deal(self._recruit(joined))
         credentials = self.credentials()
-        shell = Shell(self._pacer, self.endpoint, self._keep, credentials=credentials)
+        shell = Shell(self._pacer, self.endpoint, self._sink, credentials=credentials)
         self._resources.callback(shell.close)
         self._shell = shell
         shell.start()
@@ -262,10 +262,6 @@ class Fleet:
         if self._schedule is None:
             return None
         return {module: dict(self._schedule.get(module, {})) for module in modules}
-
-    def _keep(self, kept: Keep[Message], wall_ns: int) -> None:
-        if self._sink is not None:
-            self._sink(kept.message, kept.data, wall_ns)
 
     @property
     def round(self) -> int:

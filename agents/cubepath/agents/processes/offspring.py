@@ -56,7 +56,7 @@ class Offspring:
         self, name: str, module: str, orders: msgspec.Struct, lock: IO[bytes] | None = None
     ) -> None:
         """Start a process, which holds a lock too; one of the same name has ended before."""
-        self._drop(name)
+        self.forget(name)
         complaints = self._complaints[name] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `_drop`
         child = self.by_name[name] = subprocess.Popen(
             # -P: processes import nothing from the folder in which the run was started.
@@ -90,16 +90,12 @@ class Offspring:
     def kill(self, name: str) -> None:
         """Kill a process, and forget it."""
         _kill(self.by_name[name])
-        self._drop(name)
+        self.forget(name)
 
     def _last_line(self, name: str) -> str:
         complaints = self._complaints[name]
         complaints.seek(0)
         return complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
-
-    def forget(self, name: str) -> None:
-        """Forget a process that has ended."""
-        self._drop(name)
 
     def end(self, patience_s: float) -> None:
         """Wait so long for processes that were told to stop, and kill those that do not."""
@@ -112,9 +108,10 @@ class Offspring:
             for name, child in list(self.by_name.items()):
                 if _code(child) is None:
                     _kill(child)
-                self._drop(name)
+                self.forget(name)
 
-    def _drop(self, name: str) -> None:
+    def forget(self, name: str) -> None:
+        """Forget a process that has ended."""
         child = self.by_name.pop(name, None)
         if child is not None and child.stdin is not None:
             with contextlib.suppress(OSError):

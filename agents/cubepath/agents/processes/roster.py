@@ -60,13 +60,10 @@ class Roster:
             return "the run waits for no processes, expected one that has --wait-for N"
         if self._numbers is not None:
             return "the run has begun"
-        reason = self._refused(modules, name)
+        reason = self._wrong_modules(modules) or self._wrong_name(name)
         if reason is None:
             self._entries[joiner] = _Entry(tuple(sorted(modules)), name, now_s)
         return reason
-
-    def _refused(self, modules: Sequence[int], name: int | None) -> str | None:
-        return self._wrong_modules(modules) or self._wrong_name(name)
 
     def _wrong_modules(self, modules: Sequence[int]) -> str | None:
         strange = sorted({each for each in modules if not 0 <= each < self._modules})

@@ -31,9 +31,9 @@ _HEIGHT, _THIN = 0.5, 0.2
 _SQUARE = 0.88
 
 
-def disc_at(spot: Spot, size: float, height: float = _HEIGHT) -> Solid:
+def disc_at(spot: Spot, size: float) -> Solid:
     """Return a disc of this diameter around a point of the plane."""
-    return Solid((*_floats(spot), 0.0), (size, size, height), is_round=True)
+    return Solid((*_floats(spot), 0.0), (size, size, _HEIGHT), is_round=True)
 
 
 def box_at(spot: Spot, word: str | None = None) -> Solid:

@@ -75,38 +75,38 @@ def expanded(text: str) -> list[str]:
     ]
 
 
-def seeds_of(text: str, where: str = "seeds") -> tuple[int, ...]:
+def seeds_of(text: str) -> tuple[int, ...]:
     """Return the seeds of a text: ``100`` is 0 to 99, ``5..9`` and ``3,7,20..29`` are those.
 
-    InputError, beginning with `where`, if it is none of these or a seed stands twice.
+    InputError if it is none of these or a seed stands twice.
 
     >>> seeds_of("3"), seeds_of("7,2..4"), seeds_of("5,")
     ((0, 1, 2), (7, 2, 3, 4), (5,))
     """
     parts = text.split(",")
-    wrong = f"{where}: expected a number of seeds, a range A..B or a list of both, found {text!r}"
+    wrong = f"seeds: expected a number of seeds, a range A..B or a list of both, found {text!r}"
     if len(parts) == 1 and _WHOLE.fullmatch(text):
         if not 1 <= int(text) <= MOST:
-            raise InputError(f"{where}: expected 1 to {MOST} seeds, found {text}")
+            raise InputError(f"seeds: expected 1 to {MOST} seeds, found {text}")
         return tuple(range(int(text)))
     found: list[int] = []
     for part in parts if parts[-1] else parts[:-1]:
-        for value in values(part, where):
+        for value in values(part, "seeds"):
             if not _WHOLE.fullmatch(value):
                 raise InputError(wrong)
             found.append(int(value))
-    return checked_seeds(found, where)
+    return checked_seeds(found)
 
 
-def checked_seeds(found: list[int], where: str) -> tuple[int, ...]:
+def checked_seeds(found: list[int]) -> tuple[int, ...]:
     """Return seeds as they are; InputError for none, too large or negative ones, and for twice."""
     if not found:
-        raise InputError(f"{where}: expected one seed or more, found none")
+        raise InputError("seeds: expected one seed or more, found none")
     if min(found) < 0:
-        raise InputError(f"{where}: expected 0 or more, found {min(found)}")
+        raise InputError(f"seeds: expected 0 or more, found {min(found)}")
     if max(found) > LARGEST:
-        raise InputError(f"{where}: expected at most {LARGEST}, found {max(found)}")
+        raise InputError(f"seeds: expected at most {LARGEST}, found {max(found)}")
     if len(set(found)) < len(found):
         ((twice, _),) = Counter(found).most_common(1)
-        raise InputError(f"{where}: {twice} stands twice")
+        raise InputError(f"seeds: {twice} stands twice")
     return tuple(found)

@@ -104,7 +104,7 @@ class Sweep:
             if getattr(self, key) > LARGEST:
                 raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
         _check_timeout(self.timeout_s)
-        checked_seeds(list(self.seeds), "seeds")
+        checked_seeds(list(self.seeds))
         for rates in self.faults:
             _check_rates(rates)
         _check_rules(self.rules)
@@ -458,7 +458,7 @@ def _system_text(value: object) -> str:
 
 def _seeds(value: object) -> tuple[int, ...]:
     if isinstance(value, list):
-        return checked_seeds([_whole("seeds", each) for each in _several(value)], "seeds")
+        return checked_seeds([_whole("seeds", each) for each in _several(value)])
     if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
         return seeds_of(str(value))
     raise InputError(f"seeds: expected a number, a text as '5..9' or a list, found {value!r}")

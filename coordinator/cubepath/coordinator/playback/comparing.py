@@ -318,8 +318,5 @@ def _message(recording: Recording, record: Record) -> Message:
     try:
         return decode(record.data)
     except CubepathError as error:
-        raise InputError(f"{_where(recording, record)}: {error}") from None
-
-
-def _where(recording: Recording, record: Record) -> str:
-    return f"{recording.path}: message {record.sequence} ({record.topic})"
+        where = f"{recording.path}: message {record.sequence} ({record.topic})"
+        raise InputError(f"{where}: {error}") from None

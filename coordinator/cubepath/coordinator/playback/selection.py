@@ -69,12 +69,12 @@ class Selection:
                 within = topic.partition("/")[0] in kept
             return within and not any(fnmatchcase(topic, each) for each in left)
 
-        self._takes: Callable[[str], bool] = cache(takes)
+        self.takes_topic: Callable[[str], bool] = cache(takes)
+        """Returns whether the messages on a topic are played."""
         self.kinds = _kinds_among(taken) if taken else kept
         """The kinds that can be among them; None if that is not known."""
         self.needed = _NEEDED[recording.clock]
-        self.filtered = bool(taken or left)
-        if kinds is None and there and not any(map(self._takes, there)):
+        if kinds is None and there and not any(map(self.takes_topic, there)):
             named = ", ".join([*_named("topics", topics), *_named("exclude", exclude)])
             raise InputError(
                 f"{named or recording.path}: leaves nothing to play, expected some topics of"
@@ -83,11 +83,7 @@ class Selection:
 
     def takes(self, record: Record) -> bool:
         """Return whether a message is played."""
-        return self._takes(record.topic)
-
-    def takes_topic(self, topic: str) -> bool:
-        """Return whether the messages on a topic are played."""
-        return self._takes(topic)
+        return self.takes_topic(record.topic)
 
 
 def _named(name: str, given: Collection[str]) -> list[str]:

@@ -20,6 +20,7 @@ from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Message, encode
+from cubepath.protocol.wire.nodes import Keep
 
 
 class LockstepRun:
@@ -178,8 +179,11 @@ class LockstepRun:
             "schedule_stopped": self._conductor.stopped,
         }
 
-    def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
-        self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
+    def _wire(self, kept: Keep[Message], wall_ns: int) -> None:
+        message = kept.message
+        self._writer.write(
+            topic_of(message), kept.data, round_number=message.round, wall_ns=wall_ns
+        )
         behind: list[tuple[Message, int]] = []
         self._behind = behind  # what it records is on record behind the message: heard so, too
         try:

@@ -112,9 +112,6 @@ class Oracle:
         else:
             self._refused.setdefault(name, {})[keeper] = decision.why
 
-    def _over(self, name: Name) -> bool:
-        return name in self._committed or name in self._refused
-
     # What is said.
 
     def said(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
@@ -161,7 +158,7 @@ class Oracle:
         same("turn", what, site_from_json(turn.site), where)
         if turn.number is not None and turn.number > 1:
             before = turn.module, turn.epoch, turn.number - 1
-            if not self._over(before):
+            if before not in self._committed and before not in self._refused:
                 raise Broken("next", f"attempt {turn.number} follows, but {_what(before)} is open")
 
     def _entered(self, entered: Entered) -> None:

@@ -219,7 +219,7 @@ def drawn_system(
         return asked.system
     large = random.random() < _LARGE_RATE
     modules = asked.modules or (_LARGE if large else random.choice(small))
-    family = asked.system or random.choice(_families(asked, large=large))
+    family = asked.system or random.choice(_families_for(asked.rule, asked.clock, large=large))
     spec = instances[family](modules, random)
     for _ in range(_TRIES):
         scene = built(spec)
@@ -227,11 +227,6 @@ def drawn_system(
             break
         spec = instances[family](modules, random)
     return spec
-
-
-def _families(asked: Asked, *, large: bool) -> list[str]:
-    """Return the names of the families to draw from: those for which there is the rule."""
-    return _families_for(asked.rule, asked.clock, large=large)
 
 
 @lru_cache

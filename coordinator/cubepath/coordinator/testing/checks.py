@@ -42,9 +42,9 @@ def is_number(number: object) -> bool:
     return isinstance(number, int | float) and not isinstance(number, bool)
 
 
-def check_seconds(what: str, seconds: object, most: float = 3600.0) -> float:
-    """Return seconds; InputError if they are no number from 0 to `most`."""
+def check_seconds(what: str, seconds: object) -> float:
+    """Return seconds; InputError if they are no number from 0 to an hour."""
     found: Any = seconds
-    if not is_number(found) or not 0.0 <= found <= most:
-        raise InputError(f"{what}={seconds}: expected 0 to {most:g}")
+    if not is_number(found) or not 0.0 <= found <= 3600.0:
+        raise InputError(f"{what}={seconds}: expected 0 to 3600")
     return float(found)

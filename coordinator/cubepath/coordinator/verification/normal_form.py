@@ -2,8 +2,7 @@
 
 The first pass finds the moves that cancel, the second the level of each that remains. Both keep a
 column for each site, as the checks of a proof do, and cost the supports of the moves. The code that
-shortens is not used; `normal_form.definitions` has the same by definition, at up to the whole path
-for each move.
+shortens is not used.
 """
 
 from __future__ import annotations

@@ -32,9 +32,6 @@ from cubepath.protocol.core.sites import (
 from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
 
 FIRST_LINE = b"cubepath proof 1\n"
-SUFFIX = ".proof"
-BLOCKS = ("statement", "moves", "sites", "variables", "ladders", "groups", "log", "schedule")
-"""The names of the blocks in their order; there may be any number of blocks of the log."""
 Standing: TypeAlias = Literal["proved", "agreed"]
 LadderKind: TypeAlias = Literal["on", "off", "stay"]
 GroupKind: TypeAlias = Literal["at most one", "exactly one"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
@@ -49,11 +48,6 @@ class Selection:
             raise InputError(f"from {self.first} until {self.until}: expected a range upwards")
         if "" in (*self.topics, *self.exclude):
             raise InputError("topics: found '', expected a pattern as reports/* or claim")
-
-    @cached_property
-    def takes_all(self) -> bool:
-        """Return whether nothing is left out, whatever there is."""
-        return not (self.topics or self.exclude) and self.first is None and self.until is None
 
     def keeps(self, record: Record) -> bool:
         """Return whether a message is taken."""

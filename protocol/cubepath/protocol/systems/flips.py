@@ -199,7 +199,7 @@ class FlipSystem(System):
         """Return the flips of a diagonal, whatever the triangulation."""
         for edge in edges_of((site,)) if self.has_place(site) else ():
             for each in self.plane.around(edge):
-                yield self._from(edge, each)
+                yield _beginning_at(edge, self._flip(each))
 
     def moves_of(self, action: Action) -> tuple[Move, ...]:
         """Return the flip from each of its diagonals, if the action is a flip."""
@@ -215,10 +215,6 @@ class FlipSystem(System):
         if flip.action != action:
             return ()
         return tuple(_beginning_at(edge, flip) for edge in edges_of(diagonals))
-
-    def _from(self, edge: Edge, each: Quadrilateral) -> Move:
-        """Return the flip in a quadrilateral that begins with this one of its diagonals."""
-        return _beginning_at(edge, self._flip(each))
 
     def discovery(self) -> Callable[[Site], Iterable[Move]]:
         """Return a function that finds just the flips among the edges it was called with."""

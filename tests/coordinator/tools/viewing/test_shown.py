@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from cubepath.coordinator.normal_form.definitions import obvious_normal_form
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.tools.viewing.packing import pack, unpack
@@ -18,6 +17,7 @@ from cubepath.coordinator.tools.viewing.shown import Shown, document_of
 from cubepath.coordinator.tools.viewing.worlds import World
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
+from obvious import obvious_normal_form
 from watched_pages import KINDS, followed, pivoting_squares, watched
 
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"

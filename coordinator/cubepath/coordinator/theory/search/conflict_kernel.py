@@ -152,15 +152,6 @@ def conflicts(draft: Draft, vehicle: int, found: Numbers) -> int:
     return count
 
 
-@inner
-def _adjacent(near: Numbers, here: int, there: int) -> bool:
-    """Return whether two vertices are the same or neighbours."""
-    found = here == there
-    for each in near[here]:
-        found = found or each == there
-    return bool(found)
-
-
 @compiled
 def load(draft: Draft) -> None:
     """Enter each row of the plan that is a route and in nobody's way; let the others wait.

@@ -231,7 +231,7 @@ class Recorder:
             if self._summed_up:  # a router of its own ends with the run
                 return self._how_it_ended()
             self._router_lost_s = self._router_lost_s or now
-            gone = is_private(self.endpoint) and not _socket(self.endpoint).exists()
+            gone = is_private(self.endpoint) and not Path(self.endpoint.partition("/")[2]).exists()
             over = gone or now - self._router_lost_s > _BACK_S
             # The router of a replay is its own, and goes with it.
             gone = gone or self.about.is_replay
@@ -434,10 +434,6 @@ def record(
         parameters=parameters,
         say=say,
     )
-
-
-def _socket(endpoint: str) -> Path:
-    return Path(endpoint.partition("/")[2])
 
 
 def _processes(about: About) -> int:

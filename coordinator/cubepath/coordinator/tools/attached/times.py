@@ -29,8 +29,6 @@ class Times:
         self._now = about.round if self._free else 0
         self._seen: set[bytes] = set()
         self._seen_before: set[bytes] = set()
-        self.repeated = 0
-        """How many messages came a second time, as when some were lost on their way to others."""
 
     def of(self, kind: str, heard: Heard, head: Head | None) -> tuple[int, int, bool]:
         """Return the log time, the first whole round from here on, and whether a round begins."""
@@ -54,7 +52,6 @@ class Times:
             return False
         seen = blake2b(data, digest_size=16, key=topic.encode()[:64]).digest()
         if seen in self._seen or seen in self._seen_before:
-            self.repeated += 1
             return True
         self._seen.add(seen)
         if len(self._seen) >= _REMEMBERED:

@@ -95,9 +95,8 @@ def compare_paths(
     end: str | None,
     *,
     identical: bool,
-    end_unknown: str | None = None,
 ) -> Paths:
-    """Return how two paths compare as a whole; `end` and `end_unknown` as `Paths` has them."""
+    """Return how two paths compare as a whole; `end` as `Paths` has it."""
     # Equal moves in equal rounds from one start need no comparing.
     known = identical and starts[0] == starts[1]
     same = None if known else difference(one, other, starts)
@@ -114,7 +113,6 @@ def compare_paths(
         same,
         homotopic,
         end,
-        end_unknown,
     )
 
 

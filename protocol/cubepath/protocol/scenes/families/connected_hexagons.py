@@ -69,8 +69,6 @@ HUB: tuple[Cell, ...] = (
       2 h . o
        . 3 o
 """
-BRIDGES: tuple[tuple[Cell, Cell], ...] = (((0, 1), (0, 2)), ((-1, 0), (-2, 0)), ((1, -1), (2, -2)))
-"""The hub's bridges, each with its target: three moves that together cut off the hub."""
 
 
 def _connected(name: str, values: Values) -> Scene:

@@ -11,13 +11,12 @@ from cubepath.protocol.scenes.randomly.stream import Stream
 _DECIMAL = re.compile(r"[0-9]?(\.[0-9]{1,9})?")
 
 
-def share_of(text: str, what: str, *, least: str = "0", most: str = "1") -> Fraction:
+def share_of(text: str, what: str, *, most: str = "1") -> Fraction:
     """Return a decimal number within bounds, exactly; InputError begins with `what`."""
     found = Fraction(text) if text and _DECIMAL.fullmatch(text) else None
-    if found is None or not Fraction(least) <= found <= Fraction(most):
+    if found is None or not 0 <= found <= Fraction(most):
         raise InputError(
-            f"{what}: expected a decimal number of at least {least}, at most {most}, of at most 9"
-            " places"
+            f"{what}: expected a decimal number of at least 0, at most {most}, of at most 9 places"
         )
     return found
 
