@@ -6,7 +6,7 @@ from itertools import product
 from random import Random
 
 from cubepath.coordinator.theory.following.encoding import Task
-from cubepath.coordinator.theory.following.rules import RULES, Rule
+from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.protocol.core.sites import Site
 from vehicle_rounds import Cell, first_wrong
 

@@ -15,10 +15,9 @@ from random import Random
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.local.observation import observe
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.actor import RULE, Actor, stream
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge, RuleType
-from cubepath.agents.rules.streams import RULE, stream
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.normal_form.certificate import encodable_certificate

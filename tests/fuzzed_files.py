@@ -15,8 +15,7 @@ from cubepath.protocol.path_files.durations import read_durations
 from cubepath.protocol.path_files.following import read_following
 from cubepath.protocol.path_files.moves import read_cubes, read_moves
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl
-from cubepath.protocol.path_files.timetables import read_timetable
+from cubepath.protocol.path_files.schedules import read_timetable, schedule_from_jsonl
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from junk import changed_json, changed_lines, changed_toml

@@ -26,7 +26,7 @@ from typing import Any
 from unittest import mock
 
 from cubepath.protocol import Action, PathMove, write_moves
-from faces import FOR_USERS, LARGE, ROOT, large_faces
+from faces import FACES, LARGE, ROOT
 
 SOURCES = [ROOT / large / "cubepath" for large in LARGE]
 BESIDE_THE_CORE = ("cubepath/coordinator/theory/", "cubepath/coordinator/tools/")
@@ -130,7 +130,7 @@ def measured() -> dict[str, float | None]:
     """Return each measure by its name; None if there is nothing to measure."""
     code = source(".py", ".pyi", ".template")
     classes = [count for count in public_classes().values() if count > 1]
-    names = [set(importlib.import_module(face).__all__) for face in large_faces()]
+    names = [set(importlib.import_module(face).__all__) for face in FACES[:3]]
     leaves, options = commands()
     pages, vertebrae = sorted((ROOT / "docs").glob("**/*.md")), spine()
     pages = [page for page in pages if "examples" not in page.parts]
@@ -142,7 +142,7 @@ def measured() -> dict[str, float | None]:
         ),
         "public names of the three faces": sum(map(len, names)),
         "public names for tests": sum(
-            len(importlib.import_module(face).__all__) for face in FOR_USERS
+            len(importlib.import_module(face).__all__) for face in FACES[3:]
         ),
         "public class names that stand more than once": len(classes),
         "public classes of these names": sum(classes),

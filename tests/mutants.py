@@ -209,8 +209,7 @@ def _tested(trial: Trial, folder: Path) -> int:
 def _simulated(file: str, seeds: int, folder: Path) -> int:
     """Run the simulator from seed 0 on until a seed fails, hangs or raises."""
     # The mutant is in place by now.
-    from cubepath.coordinator.simulation.free_swarm import Free
-    from cubepath.coordinator.simulation.lockstep import Lockstep
+    from cubepath.coordinator.simulation.swarm import Free, Lockstep
 
     without_rounds = "agents/keepers/" in file or "agents/free/" in file
     simulator = Free() if without_rounds else Lockstep()

@@ -17,12 +17,10 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
-from cubepath.agents.processes.judge import Judge
-from cubepath.agents.processes.refusals import Refusals
+from cubepath.agents.processes.judge import Judge, Refusals
 from cubepath.agents.rules.graph_distances import Roads
 from cubepath.agents.rules.rule import InitialKnowledge
-from cubepath.protocol.core.system import System
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import System, VehicleGraph
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import End, Ignore, Keep, Listen, Node, Put, Timer
 

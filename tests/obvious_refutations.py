@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.optimality_proofs import Group, Ladder, OptimalityProof

@@ -13,8 +13,7 @@ from typing import Any, cast
 
 import zenoh
 
-from cubepath.coordinator.runs.about import About
-from cubepath.coordinator.runs.asking import Answers, Status
+from cubepath.coordinator.runs.asking import About, Answers, Status
 from cubepath.protocol.recordings.description import FORMAT
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml

@@ -17,8 +17,7 @@ from cubepath.agents.processes.pacer import Pacer
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.actions import commute
-from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml

@@ -16,13 +16,12 @@ from unittest.mock import patch
 
 from cubepath.agents.free import mover
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import THINK_S
-from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.free.mover import THINK_S, FreeOrders
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.coordinator.simulation.faults import SECOND_US, Listed
-from cubepath.coordinator.simulation.free_watch import Watch
+from cubepath.coordinator.simulation.free_simulated import Watch
 from cubepath.coordinator.simulation.network import Network
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

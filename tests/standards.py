@@ -30,8 +30,8 @@ from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.input_files import opened
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.core.system import Bound, Scene
 from cubepath.protocol.path_files.moves import write_cubes

@@ -22,11 +22,10 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from cubepath.coordinator.experiments.plots import price_plot
-from cubepath.coordinator.experiments.prices import FACTORS, priced
 from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, in_canonical_order
 from cubepath.coordinator.experiments.statistics import geometric_mean_interval, mean_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep
-from cubepath.coordinator.experiments.tables import groups, shown
+from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, shown
 
 DOCS = Path(__file__).parent.parent / "docs"
 FOLDER = DOCS / "studies"

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.recording import verify
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Cube, Report, Said, decode

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording

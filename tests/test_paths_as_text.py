@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError

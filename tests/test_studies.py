@@ -11,12 +11,11 @@ from pathlib import Path
 import pytest
 
 import price_best
-from cubepath.coordinator.experiments.prices import FACTORS, priced
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import expand, read_sweep_file
 from cubepath.coordinator.experiments.statistics import mean_interval
 from cubepath.coordinator.experiments.sweeping import play_sweep
-from cubepath.coordinator.experiments.tables import groups
+from cubepath.coordinator.experiments.tables import FACTORS, groups, priced
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.protocol import scene_from_spec
 from faces import ROOT

@@ -14,7 +14,7 @@ from batched import batches
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType, as_choice
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record

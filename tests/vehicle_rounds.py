@@ -11,9 +11,9 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.theory.following.reading import read_vehicle_plan
+from cubepath.coordinator.theory.following.files import read_vehicle_plan
 from cubepath.protocol.core.input_files import InputFile
-from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+from cubepath.protocol.plans.imported import VehiclePlan
 
 Cell = tuple[int, int]
 Move = tuple[int, Cell, Cell]

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.coordinator.runs.snapshots import Steps, snapshots
+from cubepath.coordinator.runs.states import Steps, snapshots
 from cubepath.coordinator.tools.viewing.shown import Shown
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.sites import site_text

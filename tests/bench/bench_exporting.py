@@ -29,8 +29,7 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 
 from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.protocol.recordings.cutting import filter_recording, split_recording
-from cubepath.protocol.recordings.merging import merge_recordings
+from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 

@@ -34,10 +34,10 @@ from typing import Any
 
 from cubepath.coordinator.playback.machine import Machine
 from cubepath.coordinator.playback.orders import Seek
-from cubepath.coordinator.playback.reel import Reel
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
+from cubepath.coordinator.playback.segments import States
 from cubepath.coordinator.playback.selection import SAID, Keys, Selection
-from cubepath.coordinator.playback.states import States
+from cubepath.coordinator.playback.timeline import Reel
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording

@@ -41,7 +41,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.runs.conductor import Conductor
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter

@@ -32,7 +32,7 @@ from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.compiled import allowance, compiled
 from cubepath.protocol.core.actions import apply_in_place
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz

@@ -27,8 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.coordinator.tools.viewing.packing import pack
-from cubepath.coordinator.tools.viewing.pages import page_text
+from cubepath.coordinator.tools.viewing.pages import pack, page_text
 from cubepath.coordinator.tools.viewing.shown import Shown, document_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene

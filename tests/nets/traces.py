@@ -21,9 +21,8 @@ from typing import Any
 
 from words import compared, parser, plain, text_of, write
 
-from cubepath.coordinator.simulation.free_swarm import Free
-from cubepath.coordinator.simulation.lockstep import Lockstep
 from cubepath.coordinator.simulation.scenarios import Asked
+from cubepath.coordinator.simulation.swarm import Free, Lockstep
 from cubepath.coordinator.simulation.trace import Trace
 
 

@@ -20,7 +20,7 @@ if sys.argv[1] != "0":
     sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 import numpy as np
-from cubepath.coordinator.theory.complexes.cliques import following
+from cubepath.coordinator.theory.complexes.links import following
 chosen = np.zeros(2, dtype=np.int32)
 print(following(np.zeros((2, 2), dtype=np.bool_), chosen, 0, True))
 """

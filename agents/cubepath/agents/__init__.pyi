@@ -47,10 +47,10 @@ from cubepath.agents.local.observation import (
     observe as observe,
 )
 from cubepath.agents.locality.check import Checked as Checked
+from cubepath.agents.locality.check import Finding as Finding
 from cubepath.agents.locality.check import check_rule as check_rule
-from cubepath.agents.locality.findings import Finding as Finding
 from cubepath.agents.rendering.pictures import draw_pixels as draw_pixels
-from cubepath.agents.rendering.text import draw_text as draw_text
+from cubepath.agents.rendering.styles import draw_text as draw_text
 from cubepath.agents.rules.policy import policy_rule as policy_rule
 from cubepath.agents.rules.registry import rule_named as rule_named
 from cubepath.agents.rules.rule import (

@@ -42,7 +42,7 @@ from cubepath.coordinator.playback.comparing import Replayed as Replayed
 from cubepath.coordinator.playback.orders import PlayerStatus as PlayerStatus
 from cubepath.coordinator.playback.orders import Position as Position
 from cubepath.coordinator.playback.player import Player as Player
-from cubepath.coordinator.playback.replaying import replay as replay
+from cubepath.coordinator.playback.player import replay as replay
 from cubepath.coordinator.runs.asking import Status as Status
 from cubepath.coordinator.runs.asking import ask as ask
 from cubepath.coordinator.runs.contents import info as info
@@ -74,8 +74,6 @@ from cubepath.coordinator.shortening.conversion import convert as convert
 from cubepath.coordinator.shortening.normal_path import Shortened as Shortened
 from cubepath.coordinator.shortening.normal_path import shorten as shorten
 from cubepath.coordinator.shortening.path_input import PathInput as PathInput
-from cubepath.coordinator.theory.complexes.closed_surfaces import Surface as Surface
-from cubepath.coordinator.theory.complexes.closed_surfaces import surface as surface
 from cubepath.coordinator.theory.complexes.collapses import (
     Collapsed as Collapsed,
 )
@@ -107,9 +105,9 @@ from cubepath.coordinator.theory.complexes.homology_groups import (
     homology as homology,
 )
 from cubepath.coordinator.theory.complexes.links import Links as Links
+from cubepath.coordinator.theory.complexes.links import actions_at as actions_at
 from cubepath.coordinator.theory.complexes.links import check_links as check_links
-from cubepath.coordinator.theory.complexes.local_link import actions_at as actions_at
-from cubepath.coordinator.theory.complexes.local_link import unfilled as unfilled
+from cubepath.coordinator.theory.complexes.links import unfilled as unfilled
 from cubepath.coordinator.theory.complexes.macros import (
     Lift as Lift,
 )
@@ -137,6 +135,10 @@ from cubepath.coordinator.theory.complexes.state_complexes import (
 from cubepath.coordinator.theory.complexes.state_complexes import (
     state_complex as state_complex,
 )
+from cubepath.coordinator.theory.complexes.surfaces import Surface as Surface
+from cubepath.coordinator.theory.complexes.surfaces import surface as surface
+from cubepath.coordinator.theory.following.files import fewest_rounds_proof as fewest_rounds_proof
+from cubepath.coordinator.theory.following.files import read_vehicle_plan as read_vehicle_plan
 from cubepath.coordinator.theory.following.files import timetable_file as timetable_file
 from cubepath.coordinator.theory.following.optimum import (
     FewestRounds as FewestRounds,
@@ -144,8 +146,6 @@ from cubepath.coordinator.theory.following.optimum import (
 from cubepath.coordinator.theory.following.optimum import (
     fewest_rounds as fewest_rounds,
 )
-from cubepath.coordinator.theory.following.proofs import fewest_rounds_proof as fewest_rounds_proof
-from cubepath.coordinator.theory.following.reading import read_vehicle_plan as read_vehicle_plan
 from cubepath.coordinator.theory.following.timetable import (
     FollowingTimetable as FollowingTimetable,
 )
@@ -186,8 +186,8 @@ from cubepath.coordinator.theory.search.simply_connected import only_class as on
 from cubepath.coordinator.theory.search.transitions import Transitions as Transitions
 from cubepath.coordinator.tools.attached.recorder import Recorder as Recorder
 from cubepath.coordinator.tools.attached.recorder import record as record
-from cubepath.coordinator.tools.comparison.compared import Compared as Compared
 from cubepath.coordinator.tools.comparison.comparing import diff as diff
+from cubepath.coordinator.tools.comparison.told import Compared as Compared
 from cubepath.coordinator.tools.exports.exporting import Exported as Exported
 from cubepath.coordinator.tools.exports.exporting import export as export
 from cubepath.coordinator.tools.live.elsewhere import watch_run as watch_run

@@ -31,6 +31,7 @@ from cubepath.protocol.core.catalogue import (
 from cubepath.protocol.core.catalogue import (
     Generator as Generator,
 )
+from cubepath.protocol.core.catalogue import GeneratorPlacement as GeneratorPlacement
 from cubepath.protocol.core.catalogue import (
     Lattice as Lattice,
 )
@@ -52,7 +53,6 @@ from cubepath.protocol.core.errors import (
 from cubepath.protocol.core.errors import (
     RuleError as RuleError,
 )
-from cubepath.protocol.core.names import GeneratorPlacement as GeneratorPlacement
 from cubepath.protocol.core.sites import (
     Site as Site,
 )
@@ -86,10 +86,10 @@ from cubepath.protocol.core.system import (
 from cubepath.protocol.core.system import (
     System as System,
 )
+from cubepath.protocol.core.system import VehicleGraph as VehicleGraph
 from cubepath.protocol.core.system import (
     Ways as Ways,
 )
-from cubepath.protocol.core.vehicle_graph import VehicleGraph as VehicleGraph
 from cubepath.protocol.path_files.certificates import (
     Certificate as Certificate,
 )
@@ -168,33 +168,33 @@ from cubepath.protocol.path_files.optimality_proofs import (
 from cubepath.protocol.path_files.optimality_proofs import (
     write_proof as write_proof,
 )
-from cubepath.protocol.path_files.timetables import (
+from cubepath.protocol.path_files.schedules import (
     TimedLine as TimedLine,
 )
-from cubepath.protocol.path_files.timetables import (
+from cubepath.protocol.path_files.schedules import (
     read_timetable as read_timetable,
 )
-from cubepath.protocol.path_files.timetables import (
+from cubepath.protocol.path_files.schedules import (
     timetable_schema as timetable_schema,
 )
-from cubepath.protocol.path_files.timetables import (
+from cubepath.protocol.path_files.schedules import (
     write_timetable as write_timetable,
 )
 from cubepath.protocol.plans.formats import PlanHints as PlanHints
 from cubepath.protocol.plans.formats import read_plan as read_plan
-from cubepath.protocol.plans.vehicle_plan import (
+from cubepath.protocol.plans.imported import (
     VehicleMove as VehicleMove,
 )
-from cubepath.protocol.plans.vehicle_plan import (
+from cubepath.protocol.plans.imported import (
     VehiclePlan as VehiclePlan,
 )
 from cubepath.protocol.recordings.cutting import (
     filter_recording as filter_recording,
 )
+from cubepath.protocol.recordings.cutting import merge_recordings as merge_recordings
 from cubepath.protocol.recordings.cutting import (
     split_recording as split_recording,
 )
-from cubepath.protocol.recordings.merging import merge_recordings as merge_recordings
 from cubepath.protocol.recordings.recording import (
     Recording as Recording,
 )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cubepath.agents.arrays import batch
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.kinds import UntabledError
+from cubepath.agents.arrays.tables import UntabledError
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import EDGES, SQUARES, Catalogue, Cell, Generator, Move
 from cubepath.protocol.core.errors import InputError

@@ -12,8 +12,8 @@ from pettingzoo.test import api_test, seed_test
 
 import cubepath.agents
 from cubepath.agents import Choice, FreeEnv, env
+from cubepath.agents.environments.free_environment import Unfair, scheduler_named
 from cubepath.agents.environments.free_world import FreeWorld
-from cubepath.agents.environments.schedulers import Unfair, scheduler_named
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 

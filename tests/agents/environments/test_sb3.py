@@ -27,7 +27,7 @@ from cubepath.agents import (
     sb3_save,
     vector_env,
 )
-from cubepath.agents.rules.network import read_network
+from cubepath.agents.rules.policy import read_network
 from cubepath.coordinator import run
 from cubepath.protocol import InputError
 from pasted import blocks

@@ -22,7 +22,7 @@ from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cubepath.agents.free.host_node import HALT_S, TICK_S_MAX, FreeHostNode
-from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.free.mover import FreeOrders
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode

@@ -17,13 +17,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.local.hops import NEVER, Sites, _spread, sites_of
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.agents.local.relative import (
+    NEVER,
     RelativeLayout,
     RelativeObserver,
+    Sites,
+    _spread,
     relative_layout,
     relative_observer,
+    sites_of,
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site

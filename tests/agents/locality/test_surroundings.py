@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
+from cubepath.agents.locality.check import SCENES, all_scenes
 from cubepath.agents.locality.plays import Life, Surroundings
-from cubepath.agents.locality.scenes import SCENES, all_scenes
 from cubepath.agents.locality.surroundings import Changes, surrounding_scene, within_reach
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM

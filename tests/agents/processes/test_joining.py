@@ -11,8 +11,10 @@ import pytest
 import zenoh
 
 from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.processes.join_messages import (
+from cubepath.agents.processes.joining import Joining, join
+from cubepath.agents.processes.membership import (
     PROTOCOL,
+    Liveness,
     Offer,
     Request,
     alive_key,
@@ -20,8 +22,6 @@ from cubepath.agents.processes.join_messages import (
     orders_key,
     read_offer,
 )
-from cubepath.agents.processes.joining import Joining, join
-from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.recruits import LOOK_MAX, QUESTIONS_MAX, Recruits

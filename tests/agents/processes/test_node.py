@@ -9,7 +9,7 @@ import pytest
 
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import OUTSIDE, Orders
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.processes.join_messages import PROTOCOL
+from cubepath.agents.processes.membership import PROTOCOL
 from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import schema_of

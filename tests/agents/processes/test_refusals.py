@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from cubepath.agents.processes.judge import RefusedError
-from cubepath.agents.processes.refusals import Refusals
+from cubepath.agents.processes.judge import Refusals, RefusedError
 from cubepath.protocol.wire.messages import Reason, Refused, encode
 from cubepath.protocol.wire.nodes import Keep
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.agents.processes.roster import FORGET_S, Roster, spans
+from cubepath.agents.processes.membership import FORGET_S, Roster, spans
 
 
 def test_joiners_are_numbered_by_their_first_modules() -> None:

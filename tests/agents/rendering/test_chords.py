@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cubepath.agents.rendering import chords
 from cubepath.agents.rendering.pen import palette
 from cubepath.agents.rendering.pictures import draw_on, frame
-from cubepath.agents.rendering.text import draw_text
+from cubepath.agents.rendering.styles import draw_text
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.rendering.legend import Legend, legend_of
-from cubepath.agents.rendering.marks import Shot
+from cubepath.agents.rendering.pen import Shot
 from cubepath.agents.rendering.pictures import frame
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue

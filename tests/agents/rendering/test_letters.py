@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from cubepath.agents.rendering.pen import palette
 from cubepath.agents.rendering.pictures import draw_on, draw_pixels, frame
-from cubepath.agents.rendering.text import draw_text
+from cubepath.agents.rendering.styles import draw_text
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from matplotlib.colors import to_rgb
 
-from cubepath.agents.rendering.pen import palette
-from cubepath.agents.rendering.themes import (
+from cubepath.agents.rendering.pen import (
     DARK,
     GHOST,
     GOAL,
@@ -18,6 +17,7 @@ from cubepath.agents.rendering.themes import (
     TILE,
     WALL,
     Theme,
+    palette,
 )
 
 

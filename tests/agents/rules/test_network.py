@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.agents.local.relative import relative_layout
-from cubepath.agents.rules.network import FORMAT, Layer, Network, network_rule, read_network
+from cubepath.agents.rules.policy import FORMAT, Layer, Network, network_rule, read_network
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from stacked import Side

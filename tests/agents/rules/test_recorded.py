@@ -7,10 +7,10 @@ import pytest
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.arbitration import priority, seed_in
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.recorded import Recorded, RecordedChoice, as_recorded
+from cubepath.agents.rules.schedule import Recorded, RecordedChoice, as_recorded
 from cubepath.coordinator.verification.stages import RECORDED as IN_RECORDINGS
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import RuleError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 EDGE = GeneratorPlacement("edge", [0, 1])

@@ -13,8 +13,7 @@ from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.rule import Choice
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves, schedule_from_jsonl, schedule_to_jsonl

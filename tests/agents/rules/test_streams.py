@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import View
-from cubepath.agents.rules.actor import Actor, actors_for
+from cubepath.agents.rules.actor import HESITATE, RULE, Actor, NoSeed, actors_for, stream, stream_at
 from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
-from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from local_families import LOCAL_FAMILIES

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
+from cubepath.agents.rules.actor import HESITATE, RULE, stream, stream_at
 from cubepath.agents.rules.vector_rule import Streams
 from cubepath.agents.rules.vector_streams import draw_below, draw_fraction, streams_of
 from cubepath.protocol.core.errors import InputError

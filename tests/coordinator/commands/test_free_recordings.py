@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import FREE_SAID
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from command_line import GOLDEN, refused
-from cubepath.agents.rules.rule_files import forget_rule_files
+from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator import run
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.testing.fixtures import Replay
 from cubepath.coordinator.testing.log import Log
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
 from cubepath.protocol.scenes.toml import scene_to_toml
 from strategies import scene

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.rules.rule_files import forget_rule_files
+from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import Row

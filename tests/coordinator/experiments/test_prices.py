@@ -11,9 +11,9 @@ import pytest
 from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.plots import price_plot
-from cubepath.coordinator.experiments.prices import FACTORS, price_table, priced
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.sweeping import sweep
+from cubepath.coordinator.experiments.tables import FACTORS, price_table, priced
 from cubepath.coordinator.theory.scene_facts import facts_of
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml

@@ -19,7 +19,6 @@ from cubepath.coordinator.experiments.folder import SweepFolder, table_of
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.plots import plots_of
-from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import distances, write_report
 from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
 from cubepath.coordinator.experiments.spec import expand, sweep_of
@@ -30,6 +29,7 @@ from cubepath.coordinator.experiments.tables import (
     groups,
     growth_table,
     pairs_table,
+    price_table,
     runs_table,
     short_rules,
     shown,

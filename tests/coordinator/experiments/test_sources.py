@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cubepath.agents.rules.network import FORMAT
-from cubepath.agents.rules.rule_files import forget_rule_files
-from cubepath.coordinator.experiments.sources import source_hash
+from cubepath.agents.rules.policy import FORMAT
+from cubepath.agents.rules.registry import forget_rule_files
+from cubepath.coordinator.experiments.setting import source_hash
 from cubepath.protocol.core.errors import InputError
 
 BY_A_POLICY = """

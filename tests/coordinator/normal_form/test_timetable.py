@@ -17,11 +17,11 @@ from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 from cubepath.protocol.core.actions import Action, apply, commute
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.durations import Durations
 from cubepath.protocol.path_files.moves import MoveName, PathMove
-from cubepath.protocol.path_files.timetables import (
+from cubepath.protocol.path_files.schedules import (
     TimedLine,
     read_timetable,
     timetable_schema,

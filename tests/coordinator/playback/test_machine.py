@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from command_line import GOLDEN
 from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
 from cubepath.coordinator.playback.orders import Order, read_order
-from cubepath.coordinator.playback.reel import Reel
 from cubepath.coordinator.playback.selection import Selection
-from cubepath.coordinator.playback.spots import read_pace, read_spot
+from cubepath.coordinator.playback.timeline import Reel, read_pace, read_spot
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record

@@ -11,11 +11,9 @@ from msgspec import structs
 
 from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.playback.player import Player
-from cubepath.coordinator.playback.reel import Reel
-from cubepath.coordinator.playback.replaying import replay
-from cubepath.coordinator.playback.spots import Spot
-from cubepath.coordinator.playback.states import States
+from cubepath.coordinator.playback.player import Player, replay
+from cubepath.coordinator.playback.segments import States
+from cubepath.coordinator.playback.timeline import Reel, Spot
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CheckError

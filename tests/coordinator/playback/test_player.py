@@ -17,8 +17,7 @@ import zenoh
 
 from command_line import GOLDEN
 from cubepath.coordinator.playback.orders import Position
-from cubepath.coordinator.playback.player import Player
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import CheckError, InputError

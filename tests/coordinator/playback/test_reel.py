@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.reel import START, Mark, Reel
-from cubepath.coordinator.playback.spots import Spot, read_pace, read_spot
-from cubepath.coordinator.playback.states import States
+from cubepath.coordinator.playback.segments import States
+from cubepath.coordinator.playback.timeline import START, Mark, Reel, Spot, read_pace, read_spot
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError

@@ -18,10 +18,10 @@ from msgspec.structs import replace
 
 from command_line import GOLDEN
 from cubepath.coordinator.playback import playing as replay_module
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import decode
@@ -153,7 +153,7 @@ def test_a_rate_too_slow_for_the_clock_only_waits() -> None:
     code = f"""
 import signal
 from pathlib import Path
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.protocol.recordings.recording import read_recording
 
 signal.signal(signal.SIGALRM, signal.default_int_handler)

@@ -10,7 +10,7 @@ import pytest
 
 from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.runs.schedule import Assignment
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import (

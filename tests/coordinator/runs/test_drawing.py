@@ -23,7 +23,7 @@ from cubepath.coordinator.runs import drawing as pictures
 from cubepath.coordinator.runs import schedule_chart as chart_of
 from cubepath.coordinator.runs.drawing import Sheet, run_picture
 from cubepath.coordinator.runs.films import animate
-from cubepath.coordinator.runs.snapshots import snapshots
+from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from random_runs import SPECS, random_run

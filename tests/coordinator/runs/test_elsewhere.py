@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.processes.join_messages import alive_key
 from cubepath.agents.processes.joining import Joining, join
+from cubepath.agents.processes.membership import alive_key
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan

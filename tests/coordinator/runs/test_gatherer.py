@@ -17,8 +17,8 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.edge_path import Step
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Certified, Cube, Report, decode, encode

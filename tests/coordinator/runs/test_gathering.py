@@ -11,8 +11,7 @@ from cubepath.coordinator.runs.gathering import gathered, gathered_in_full
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.testing.log import Log
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.cutting import filter_recording, split_recording
-from cubepath.protocol.recordings.merging import merge_recordings
+from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 
 GOLDEN = Path(__file__).parents[3] / "logs" / "golden"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from cubepath.coordinator.runs.heard import ASKS_MAX, Heard
+from cubepath.coordinator.runs.collector import ASKS_MAX, Heard
 from cubepath.protocol.wire.free_messages import (
     Asks,
     FreeMessage,

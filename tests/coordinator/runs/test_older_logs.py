@@ -19,7 +19,7 @@ from cubepath.agents.keepers.journal import (
     Prepared,
     Record,
 )
-from cubepath.coordinator.runs.older_logs import check_logs
+from cubepath.coordinator.runs.resuming import check_logs
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Asks, Attempt

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import pytest
 
 from cubepath.agents.processes.judge import RefusedError
-from cubepath.coordinator.runs.plausibility import Plausibility
+from cubepath.coordinator.runs.gatherer import Plausibility
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import (
     Claim,

@@ -13,7 +13,7 @@ from cubepath.agents.environments.playing import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.gathering import gathered
@@ -21,8 +21,8 @@ from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import write_cubes

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from cubepath.agents.rendering.themes import DARK, GOAL, LIGHT, PAPER
+from cubepath.agents.rendering.pen import DARK, GOAL, LIGHT, PAPER
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.drawing import cancelled_moves
 from cubepath.coordinator.runs.side_by_side import _Screen, animate_beside
-from cubepath.coordinator.runs.snapshots import snapshots
+from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.core.errors import InputError
 from random_runs import random_run
 

@@ -7,7 +7,7 @@ from itertools import chain
 import pytest
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs.snapshots import snapshots
+from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.scenes.specs import scene_from_spec
 from random_runs import SPECS, random_run
 

@@ -16,8 +16,8 @@ from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, car
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.actions import Action, apply
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import read_moves_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves

@@ -17,9 +17,8 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.protocol.core.actions import Action, admissible, apply
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files import contents, supports
 from cubepath.protocol.path_files.moves import read_cubes, read_moves, write_cubes

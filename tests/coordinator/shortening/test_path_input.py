@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.shortening.path_input import Form, read_input
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.scenes.specs import scene_from_spec
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs.snapshots import snapshots
+from cubepath.coordinator.runs.states import snapshots
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.path_steps import PathSteps, read_steps
 from cubepath.protocol.core.errors import InputError

@@ -13,8 +13,8 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.plans.formats import PlanHints
 from cubepath.protocol.wire.messages import encode
 from plans import DATA

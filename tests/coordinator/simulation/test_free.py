@@ -8,13 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, Fault, Listed
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
+from cubepath.coordinator.simulation.faults import (
+    FREE_KINDS,
+    ROUTER,
+    SECOND_US,
+    STARTS,
+    Fault,
+    Listed,
+)
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.free_swarm import WITHOUT_ROUNDS, Free
 from cubepath.coordinator.simulation.scenarios import Asked
-from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds
+from cubepath.coordinator.simulation.swarm import WITHOUT_ROUNDS, Free, Tally, simulate_seeds
 from cubepath.coordinator.simulation.trace import Trace
 from marked import some
 from planted_keepers import PLANTED

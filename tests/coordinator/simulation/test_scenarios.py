@@ -6,8 +6,7 @@ from collections import Counter
 
 import pytest
 
-from cubepath.agents.rules.asked import fitting_rules
-from cubepath.agents.rules.registry import BUILT_IN
+from cubepath.agents.rules.registry import BUILT_IN, fitting_rules
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,
     Asked,

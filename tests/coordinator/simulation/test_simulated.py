@@ -13,9 +13,9 @@ from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
-from cubepath.coordinator.simulation.lockstep import Lockstep
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simulate
+from cubepath.coordinator.simulation.swarm import Lockstep
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene

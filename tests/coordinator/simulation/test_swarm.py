@@ -8,16 +8,18 @@ from pathlib import Path
 import pytest
 
 from command_line import cubepath
-from cubepath.coordinator.simulation.faults import KINDS, Listed
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS
-from cubepath.coordinator.simulation.free_swarm import FREE_OUTCOMES, WITHOUT_ROUNDS
-from cubepath.coordinator.simulation.lockstep import OUTCOMES, Lockstep, label
+from cubepath.coordinator.simulation.faults import FREE_KINDS, KINDS, Listed
 from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked
 from cubepath.coordinator.simulation.simulated import simulate
 from cubepath.coordinator.simulation.swarm import (
+    FREE_OUTCOMES,
+    OUTCOMES,
+    WITHOUT_ROUNDS,
     Kept,
+    Lockstep,
     Tally,
     command_of,
+    label,
     simulate_seeds,
     simulator_of,
     small,

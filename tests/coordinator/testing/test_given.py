@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.testing.commands import Command
-from cubepath.coordinator.testing.joiners import Joiners
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+from cubepath.coordinator.testing.rig import Joiners
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.strategies import faults
 from cubepath.coordinator.testing.trials import trial_of

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import find, given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.simulation.faults import ENDING, KINDS
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS
+from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS
 from cubepath.coordinator.testing.strategies import faults, scenarios
 from cubepath.coordinator.testing.trials import Trial, fault, trial_of
 from cubepath.protocol.core.errors import InputError

@@ -14,7 +14,7 @@ from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
 from cubepath.protocol.path_files.numbered import number_moves

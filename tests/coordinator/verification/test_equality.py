@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.verification.dependencies import difference
 from cubepath.protocol.core.actions import Action, commute
 from obvious import obvious_normal_form
 from strategies import Word, class_key, detours, linear_extensions, toggle, words

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.findings import Verification
-from cubepath.coordinator.verification.holes import hole_in
+from cubepath.coordinator.verification.partial import hole_in
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from wrecks import taken_apart

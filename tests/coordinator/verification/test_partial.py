@@ -10,8 +10,7 @@ import pytest
 from command_line import GOLDEN
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.cuts import left_out
-from cubepath.protocol.recordings.cutting import filter_recording, split_recording
-from cubepath.protocol.recordings.merging import merge_recordings
+from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.records import Record
 from recordings import new_path

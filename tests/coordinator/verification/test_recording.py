@@ -30,8 +30,8 @@ from cubepath.coordinator.verification import rounds as rederive
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.recording import CHECKS, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.transcript import Sorting, Transcript
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, Report

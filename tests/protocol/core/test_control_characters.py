@@ -7,7 +7,7 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.formatting import visible
 
 
 @given(st.text())

@@ -8,7 +8,7 @@ import pytest
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened, read_text
-from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.sites import Ordinals
 
 
 def test_each_question_goes_back_to_the_start(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.toml_text import PARTS_MAX, parsed_toml
+from cubepath.protocol.core.parsing import PARTS_MAX, parsed_toml
 
 DOTS = ".".join("a" * 50_000)
 LONG = "b" * 1_000_000 + " = 1"

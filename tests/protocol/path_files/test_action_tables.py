@@ -13,19 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.ordinals import Ordinals
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Ordinals, Site, in_order
 from cubepath.protocol.path_files import npz
-from cubepath.protocol.path_files.action_tables import table_of
 from cubepath.protocol.path_files.moves import (
     PathMove,
     known_of_named,
     named_action,
     write_moves,
 )
-from cubepath.protocol.path_files.npz import read_moves_npz, write_moves_npz
+from cubepath.protocol.path_files.npz import read_moves_npz, table_of, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, read_path
 from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.path_files.supports import TabledActions

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from cubepath.protocol.core.actions import commute
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.moves import (
     PathMove,
     cube_schema,

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import (

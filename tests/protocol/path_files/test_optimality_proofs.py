@@ -14,10 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.optimality_proofs import (
     FIRST_LINE,
+    LOG_BYTES,
     Group,
     Ladder,
     OptimalityProof,
@@ -25,7 +26,6 @@ from cubepath.protocol.path_files.optimality_proofs import (
     read_proof,
     write_proof,
 )
-from cubepath.protocol.path_files.proof_blocks import LOG_BYTES
 
 STEP = Action([1, (2, "x"), "f"], [1, (2, "x")], [1], [(2, "x")], free=["f"])
 GUARDED = Action([1, 2, 3, 4], [1, 2], [1], [2], guards=[(3, 4)])

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.plans.formats import FORMATS, read_plan
 from plans import DATA, actions_read, moves_read, plain_text, save
 from strategies import random_walk, scene

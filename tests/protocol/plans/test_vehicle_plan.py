@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.plans.formats import read_plan
+from cubepath.protocol.plans.imported import VehicleMove, VehiclePlan
 from cubepath.protocol.plans.scenario import read_scenario
-from cubepath.protocol.plans.vehicle_plan import VehicleMove, VehiclePlan
 from faces import ROOT
 
 IMPORTS = ROOT / "tests" / "data" / "imports"

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from command_line import GOLDEN
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.cutting import filter_recording, split_recording
-from cubepath.protocol.recordings.merging import merge_recordings
+from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import RecordingWriter

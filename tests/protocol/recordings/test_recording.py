@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.description import FORMAT, FORMATS, SCENE
-from cubepath.protocol.recordings.framing import MAGIC
+from cubepath.protocol.recordings.mcap_file import MAGIC
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Report, decode

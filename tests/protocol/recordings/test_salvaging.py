@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap.records import Footer
 from mcap.writer import IndexType, Writer
 
-from cubepath.protocol.recordings.framing import MAGIC
+from cubepath.protocol.recordings.mcap_file import MAGIC
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from damaged import (

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify

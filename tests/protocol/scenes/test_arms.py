@@ -9,9 +9,9 @@ import pytest
 
 from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.joints import MARK
+from cubepath.agents.rendering.edges import MARK
 from cubepath.agents.rendering.pictures import draw_pixels
-from cubepath.agents.rendering.text import draw_text
+from cubepath.agents.rendering.styles import draw_text
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError

@@ -13,7 +13,7 @@ import pytest
 from cells import cells_of
 from cubepath.agents import parallel_env
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.theory.complexes.local_link import unfilled
+from cubepath.coordinator.theory.complexes.links import unfilled
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order

@@ -24,8 +24,7 @@ from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.randomly.stream import Stream
 from cubepath.protocol.scenes.randomly.triangulations import random_triangulation
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of
-from cubepath.protocol.systems.flip_windows import settle
+from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of, settle
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound
 from cubepath.protocol.systems.point_sets import Edge, Point, edge_of
 from point_grids import on_grid

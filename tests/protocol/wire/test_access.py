@@ -10,10 +10,9 @@ from typing import TypeAlias, cast
 import pytest
 import zenoh
 
-from cubepath.agents.processes.join_messages import ANY, alive_key, orders_key
+from cubepath.agents.processes.membership import ANY, alive_key, orders_key
 from cubepath.coordinator.playback.orders import player_key, position_key
-from cubepath.coordinator.runs.about import about_key
-from cubepath.coordinator.runs.asking import path_key, state_key
+from cubepath.coordinator.runs.asking import about_key, path_key, state_key
 from cubepath.protocol.wire.access import access_list
 from cubepath.protocol.wire.credentials import COORDINATOR, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, FreeMessage, free_key

@@ -12,8 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.kinds import Kind, Naming, UntabledError, kind_at
-from cubepath.agents.arrays.tables import Growing, Ints, Kinds, Places, Stands, Tables
+from cubepath.agents.arrays.tables import (
+    Growing,
+    Ints,
+    Kind,
+    Kinds,
+    Naming,
+    Places,
+    Stands,
+    Tables,
+    UntabledError,
+    kind_at,
+)
 from cubepath.protocol.compiled import compiled, inner
 from cubepath.protocol.core.catalogue import Catalogue
 from cubepath.protocol.core.sites import Site

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.arrays.kinds import ANY
 from cubepath.agents.arrays.state import SILENT, Observed, State
-from cubepath.agents.arrays.tables import Bits, Goals, Ints, Kinds, Places, Stands
+from cubepath.agents.arrays.tables import ANY, Bits, Goals, Ints, Kinds, Places, Stands
 from cubepath.protocol.compiled import inner
 
 _FREE, _CLOSED = 0, 3

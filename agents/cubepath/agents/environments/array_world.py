@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.arrays.batch import Batch, RelativeArrays
 from cubepath.agents.arrays.state import GRANTED, ILLEGAL, LOST
 from cubepath.agents.arrays.tables import Tables
 from cubepath.agents.environments.world import Round, World

@@ -12,12 +12,17 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from cubepath.agents.arrays.kinds import UntabledError
+from cubepath.agents.arrays.tables import UntabledError
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
-from cubepath.agents.environments.dicts import Kept, infos_of
-from cubepath.agents.environments.shown import Shown
-from cubepath.agents.environments.site_facts import rendered, share_at_goal, state_of
+from cubepath.agents.environments.observations import (
+    Kept,
+    Shown,
+    infos_of,
+    rendered,
+    share_at_goal,
+    state_of,
+)
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
 from cubepath.agents.local.relative import Showing

@@ -11,12 +11,12 @@ from typing import Any, TypeAlias
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.asked import check_seeds, scene_and_rule
+from cubepath.agents.rules.registry import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import function, whole_number
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved

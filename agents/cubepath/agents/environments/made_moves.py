@@ -18,7 +18,7 @@ from cubepath.agents.arrays.state import GRANTED, LOST
 from cubepath.agents.arrays.tables import Tables
 from cubepath.agents.environments.world import Round
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.sites import Ordinals
 
 Counts = NDArray[np.int64]
 _COLUMNS = 6

@@ -9,7 +9,7 @@ from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.rollout import Played, check_max_rounds, play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.environments.world import Round
-from cubepath.agents.rules.asked import check_seeds, scene_and_rule
+from cubepath.agents.rules.registry import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.given import function
 from cubepath.protocol.core.system import Scene

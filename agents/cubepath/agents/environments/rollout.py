@@ -11,8 +11,8 @@ from cubepath.agents.local.observation import Note
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.given import whole_number
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.agents.arrays.state import GRANTED, LOST
+from cubepath.agents.arrays.tables import UntabledError
 from cubepath.agents.environments.array_world import ArrayRound
 from cubepath.agents.environments.made_moves import MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.rollout import Played, check_max_rounds, play_in_python
 from cubepath.agents.environments.world import Round
-from cubepath.agents.rules.asked import check_seeds, scene_and_rule
+from cubepath.agents.rules.registry import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
 from cubepath.protocol.core.sites import Site

@@ -12,10 +12,10 @@ import numpy as np
 from gymnasium import spaces
 
 from cubepath.agents.environments.making import parallel_env
-from cubepath.agents.environments.shown import Shown
+from cubepath.agents.environments.observations import Shown
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
 from cubepath.agents.local.relative import Showing
-from cubepath.agents.rules.network import (
+from cubepath.agents.rules.policy import (
     ACTIVATIONS,
     FORMAT,
     Layer,

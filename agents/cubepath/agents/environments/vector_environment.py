@@ -15,10 +15,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.arrays.batch import Batch, RelativeArrays
 from cubepath.agents.arrays.state import ILLEGAL
-from cubepath.agents.environments.shown import Shown
+from cubepath.agents.environments.observations import Shown
 from cubepath.agents.local.observation import SILENT
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError

@@ -16,16 +16,16 @@ from typing import IO, Literal, Self, TypeAlias
 
 import msgspec
 
-from cubepath.agents.free.orders import FreeOrders, OwnMove
-from cubepath.agents.keepers.orders import KeeperOrders
+from cubepath.agents.free.mover import FreeOrders, OwnMove
+from cubepath.agents.keepers.node import KeeperOrders
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.network import Way, straight
 from cubepath.agents.processes.offspring import Ended, Offspring
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.output_files import unwritable, written_whole
-from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import (

@@ -6,8 +6,7 @@ which comes a while after it was asked for; that is enough to ask again.
 
 from __future__ import annotations
 
-from cubepath.agents.free.mover import Ask, Mover, paces
-from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.free.mover import Ask, FreeOrders, Mover, paces
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled

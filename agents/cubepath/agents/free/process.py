@@ -9,9 +9,8 @@ from __future__ import annotations
 import sys
 
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.orders import FreeOrders
-from cubepath.protocol.wire.child import serve
-from cubepath.protocol.wire.shell import Shell
+from cubepath.agents.free.mover import FreeOrders
+from cubepath.protocol.wire.shell import Shell, serve
 
 
 def host(orders: FreeOrders) -> None:

@@ -11,12 +11,10 @@ from pathlib import Path
 
 from cubepath.agents.keepers.journal import FileJournal, Opened
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.keepers.node import KeeperNode
-from cubepath.agents.keepers.orders import KeeperOrders
+from cubepath.agents.keepers.node import KeeperNode, KeeperOrders
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.toml import scene_from_toml
-from cubepath.protocol.wire.child import serve
-from cubepath.protocol.wire.shell import Shell
+from cubepath.protocol.wire.shell import Shell, serve
 from cubepath.protocol.wire.tiles import Tiles
 
 

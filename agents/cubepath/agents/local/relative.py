@@ -2,11 +2,20 @@
 
 The relative observation follows from the observation that `observe` makes and from what a module
 knows from birth, the static map and its goals; so it is as local as that one.
+
+How many moves each site of a finite system is from a module's goals, if nobody is in the way.
+
+It follows from the static map and the goals, which a module knows from birth.
+
+The relative observations of many modules at once, from their absolute ones.
+
+They are those of `RelativeObserver`, to the last bit: what depends on the own site alone is asked
+of it once for each site and goals, and what is sensed is looked up for all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
 from typing import Literal, TypeAlias, cast, get_args
 from weakref import WeakKeyDictionary, WeakValueDictionary
@@ -14,10 +23,143 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.local.hops import Sites, sites_of
+from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FAR, FIRST_LABEL, MODULE, System
+
+Hops: TypeAlias = NDArray[np.uint16]
+"""The number of moves from each site, by number, to the nearest goal; `NEVER` without a way."""
+
+NEVER = (1 << 16) - 1
+"""More than any number of moves: there are at most so many sites."""
+
+
+class Sites:
+    """The sites of a finite system by number, and from which of them a move leads to which.
+
+    A label makes no difference, so in a labelled system the sites are the places. No reference to
+    the system is kept, so that what is cached for a system does not keep it.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Number the sites and list the moves between them."""
+        self._index, arcs = _roads(system) if system.graph is not None else _moves(system)
+        self.count = len(self._index)
+        self._at_place: dict[Site, list[int]] = {}
+        """The numbers of the sites at each place with letters."""
+        if system.letters:
+            for site, number in self._index.items():
+                self._at_place.setdefault(system.place_of(site), []).append(number)
+        self._targets: dict[Site, tuple[int, NDArray[np.intp]]] = {}
+        rows = np.array(arcs, np.int64).reshape(-1, 2)
+        rows = rows[rows[:, 1].argsort(kind="stable")]
+        # The sites from which a move leads to site i are sources[first[i]:first[i + 1]].
+        self._sources = rows[:, 0].copy()
+        self._first = np.searchsorted(rows[:, 1], np.arange(self.count + 1))
+
+    def hops(self, goals: Iterable[Site]) -> Hops:
+        """Return how many moves each site is from the nearest of these places or sites."""
+        ends: set[int] = set()
+        for goal in goals:
+            ends.update(self._at_place.get(goal, ()))
+            if goal in self._index:
+                ends.add(self._index[goal])
+        queue = np.zeros(self.count, np.int64)
+        queue[: len(ends)] = sorted(ends)
+        found = np.full(self.count, NEVER, np.uint16)
+        found[queue[: len(ends)]] = 0
+        spread = _spread.for_work(self.count + len(self._sources), by_entries=True)
+        spread(self._first, self._sources, found, queue, len(ends))
+        return found
+
+    def targets(self, system: System, site: Site) -> tuple[int, NDArray[np.intp]]:
+        """Return the number of a site, and by move slot that of the site where its move ends.
+
+        The latter has shape ``(move_slots,)``; a slot without a move has the site itself.
+        """
+        key = _key(system, site)
+        known = self._targets.get(key)
+        if known is None:
+            own = self._index[key]
+            ends = [
+                own if move is None else self._index[_key(system, move.target)]
+                for move in system.moves(site)
+            ]
+            known = self._targets[key] = own, np.array(ends, np.intp)
+        return known
+
+
+def sites_of(system: System) -> Sites | None:
+    """Return the sites of a system, numbered; None for a lattice and where there are too many.
+
+    A lattice may have no end, and where its goals lie is told by coordinates. Elsewhere a table for
+    each module takes two bytes for each site. Each letter counts at each place.
+    """
+    if system.catalogue is not None or not system.bounded:
+        return None
+    if not 0 < len(system.places) * max(1, len(system.letters)) <= NEVER:
+        return None
+    found = Sites(system)
+    return found if found.count <= NEVER else None
+
+
+def _key(system: System, site: Site) -> Site:
+    return site if system.labels is None else system.place_of(site)
+
+
+def _roads(system: System) -> tuple[Mapping[Site, int], list[tuple[int, int]]]:
+    """Return the numbers of the vertices, and the two ends of each road, both ways."""
+    graph = system.graph
+    if graph is None:
+        raise AssertionError("a system without a graph has no roads")
+    index = graph.index
+    return index, [
+        (index[vertex], index[other]) for vertex in graph.vertices for other in graph.near[vertex]
+    ]
+
+
+def _moves(system: System) -> tuple[Mapping[Site, int], list[tuple[int, int]]]:
+    """Return the numbers of the sites, and where each move begins and ends."""
+    codes = (MODULE, *range(FIRST_LABEL, FIRST_LABEL + len(system.letters)))
+    if system.labels is not None:
+        codes = (FIRST_LABEL,)
+    known = [system.site_at(place, code) for place in system.places for code in codes]
+    index: dict[Site, int] = {}
+    ways: list[tuple[Site, Site]] = []
+    for site in known:  # grows by the sites of places that the system does not list
+        if site is None or _key(system, site) in index:
+            continue
+        index[_key(system, site)] = len(index)
+        targets = [move.target for move in system.moves_at(site)]
+        ways += [(_key(system, site), _key(system, target)) for target in targets]
+        known += targets
+    return index, [(index[one], index[other]) for one, other in ways]
+
+
+@compiled
+def _spread(
+    first: NDArray[np.int64],
+    sources: NDArray[np.int64],
+    hops: Hops,
+    queue: NDArray[np.int64],
+    filled: int,
+) -> None:
+    """Write the number of moves to the sites that are first in the queue, where `hops` is 0.
+
+    `queue` has room for all sites; `hops` is `NEVER` everywhere else.
+    """
+    done = 0
+    while done < filled:
+        site = queue[done]
+        done += 1
+        for arc in range(first[site], first[site + 1]):
+            near = sources[arc]
+            if hops[near] == NEVER:
+                hops[near] = hops[site] + 1
+                queue[filled] = near
+                filled += 1
+
 
 Showing: TypeAlias = Literal["absolute", "relative"]
 """The array ``observation``: that of `observe`, or that of `RelativeObserver`."""
@@ -205,3 +347,62 @@ def _total(system: System, goals: tuple[Site, ...]) -> tuple[float, ...]:
             raise InputError(f"goal {goal!r}: too far away to tell the way, expected below {FAR}")
         spots.append(spot)
     return tuple(map(fsum, zip(*spots, strict=True)))
+
+
+_KNOWN_MAX = 1 << 18
+"""So many sites are remembered at most, each with goals: then all are asked again."""
+
+
+class RelativeRows:
+    """Makes the relative observations of the modules of one scene in many environments."""
+
+    def __init__(self, system: System, goals: Sequence[tuple[Site, ...]]) -> None:
+        """Take in each module's goals, by number."""
+        self.layout = relative_layout(system)
+        found = [relative_observer(system, each) for each in goals]
+        self._observers = list({id(each): each for each in found}.values())
+        place = {id(each): number for number, each in enumerate(self._observers)}
+        self._who = [place[id(each)] for each in found]
+        self._size = system.site_size
+        self._forget()
+
+    def _forget(self) -> None:
+        self._known: list[dict[bytes, int]] = [{} for _ in self._observers]
+        self._count = 0
+        self._heads = np.zeros((64, self.layout.parts["sensed"].start), np.float32)
+
+    def of(self, numbers: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return float32 of shape (E, n, `layout.length`), from int32 of shape (E, n, ...).
+
+        `numbers` has what `observe` gives each module as ``observation``; it is left as it is.
+        """
+        size, sensed = self._size, self.layout.parts["sensed"]
+        found = np.zeros((*numbers.shape[:2], self.layout.length), np.float32)
+        if not found.size:
+            return found
+        if self._count > _KNOWN_MAX:
+            self._forget()
+        own = np.ascontiguousarray(numbers[:, :, : size + 1])
+        keys = own.view(f"V{own.itemsize * (size + 1)}")[:, :, 0].tolist()
+        rows: list[int] = []
+        for environment, each in enumerate(keys):
+            for module, (who, key) in enumerate(zip(self._who, each, strict=True)):
+                row = self._known[who].get(key)
+                if row is None:
+                    row = self._learn(who, key, numbers[environment, module])
+                rows.append(row)
+        heads = self._heads.take(rows, axis=0)
+        found[:, :, : sensed.start] = heads.reshape(*numbers.shape[:2], -1)
+        looks = 2 * numbers[:, :, size + 1 :: 2] + numbers[:, :, size + 2 :: 2]
+        shown = self.layout.looks.take(looks, axis=0)
+        found[:, :, sensed] = shown.reshape(*looks.shape[:2], -1)
+        return found
+
+    def _learn(self, who: int, key: bytes, numbers: NDArray[np.int32]) -> int:
+        """Return the row of a site that is new to modules with these goals."""
+        row = self._known[who][key] = self._count
+        self._count += 1
+        if row == len(self._heads):
+            self._heads = np.concatenate([self._heads, np.zeros_like(self._heads)])
+        self._heads[row] = self._observers[who].of(numbers)[: self._heads.shape[1]]
+        return row

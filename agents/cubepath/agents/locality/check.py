@@ -1,31 +1,35 @@
 """Checking that a rule is local: playing it in scenes under all that must not matter to it.
 
 The rule is loaded in processes of their own alone, never in the one that checks it.
+
+The scenes in which a rule is checked: of each family a small one, and one beyond its reach.
+
+In a small one all modules may sense one another; only in a larger one is there anything that a
+module does not see.
+
+What the plays of a rule show: where it chose otherwise, and why that is so.
+
+A rule is local if its choices follow from what its module knows from birth, what it has seen, and
+its own stream. So each play in which something else was different must have the same choices as the
+run; each that does not is a finding, and so is each use of what is outside.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
-from typing import Self
+from typing import Literal, Self, TypeAlias
 
-from cubepath.agents.locality.findings import (
-    PERIOD,
-    Evidence,
-    Finding,
-    Kind,
-    difference,
-    told,
-)
 from cubepath.agents.locality.fork_server import PATIENCE_S, ForkServer
 from cubepath.agents.locality.plays import (
+    Access,
     Answer,
     Conditions,
     Fit,
@@ -35,13 +39,162 @@ from cubepath.agents.locality.plays import (
     Task,
     Together,
 )
-from cubepath.agents.locality.scenes import all_scenes
 from cubepath.agents.locality.surroundings import Changes
-from cubepath.agents.rules.rule_files import is_in_file
+from cubepath.agents.rules.registry import is_in_file
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
+
+SCENES: Mapping[str, tuple[str, ...]] = {
+    "hex": ("hex:n=4", "hex:n=12"),
+    "hex-open": ("hex-open:n=4", "hex-open:n=12"),
+    "hex-tunnel": ("hex-tunnel",),
+    "sliding": ("sliding:p=2,q=1,n=3", "sliding:p=6,q=2,n=8"),
+    "agv": ("agv:graph=K5,n=3", "agv:graph=grid6x6,n=9"),
+    "agv-labelled": ("agv-labelled:graph=K5,n=3", "agv-labelled:graph=grid6x6,n=8"),
+    "arm": ("arm:n=3", "arm:n=12"),
+    "arm-free": ("arm-free:n=3", "arm-free:n=8"),
+    "arms": ("arms",),
+    "polygon": ("polygon:n=6", "polygon:n=14"),
+    "triangulation": ("triangulation:n=6", "triangulation:n=16"),
+    "words": ("words", "words:word=abcabcabcabc,relations=ab~ba+bc~cb+ac~ca"),
+    "assembly": ("assembly:n=2", "assembly:n=4"),
+}
+"""By family; of another one it is the default scene."""
+
+
+def all_scenes() -> list[str]:
+    """Return the scenes of all families."""
+    return [spec for family in all_families() for spec in SCENES.get(family, (family,))]
+
+
+Kind: TypeAlias = Literal[
+    "reach",
+    "state",
+    "clock",
+    "random",
+    "process",
+    "environment",
+    "files",
+    "network",
+    "frames",
+    "memory",
+    "seed",
+    "hashing",
+    "fails",
+    "repeat",
+    "unexplained",
+]
+
+USES: Mapping[Kind, str] = {
+    "clock": "uses the clock",
+    "random": "uses random numbers that are not the module's own",
+    "process": "uses the process, its threads or others",
+    "environment": "uses the machine or the environment of the process",
+    "files": "uses files",
+    "network": "uses the network",
+    "frames": "looks at stack frames",
+    "memory": "looks at what else is in memory",
+    "seed": "asks for the seed of the run",
+}
+"""By kind of access what the rule does."""
+DEPENDS: Mapping[Kind, str] = {
+    "reach": "sees beyond its reach",
+    "state": "keeps state outside the module",
+    "clock": "depends on the clock",
+    "random": "depends on random numbers that are not the module's own",
+    "process": "depends on the process it is in",
+    "environment": "depends on the folder or the environment of the process",
+    "hashing": "depends on hashes or addresses, as by the order of a set",
+    "repeat": "does not choose the same twice",
+    "unexplained": "depends on something outside the module that was not seen",
+    "fails": "fails",
+}
+"""By kind of difference what the rule does."""
+
+
+PERIOD: Mapping[str, str] = {"lockstep": "round", "free": "turn"}
+"""By clock what the choices of a module are counted by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong with a rule: its kind, and a line for people."""
+
+    kind: Kind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first choice that was another one: where, and both choices in words."""
+
+    module: int
+    round: int
+    was: str
+    now: str
+
+
+@dataclass(slots=True)
+class Evidence:
+    """What was found in all scenes, in the order in which it was."""
+
+    accesses: set[Access] = field(default_factory=set)
+    depends: dict[Kind, str] = field(default_factory=dict)
+    """By kind the first difference, in words."""
+    changed: set[str] = field(default_factory=set)
+    """Global names of the rule's file that were changed."""
+
+    def add(self, kind: Kind, text: str) -> None:
+        """Keep the first difference of a kind."""
+        self.depends.setdefault(kind, text)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield a finding a kind: what was used, where, and what came of it."""
+        for kind, depends in DEPENDS.items():
+            if kind in self.depends and kind not in USES:
+                names = f" ({', '.join(sorted(self.changed))} changed)" if kind == "state" else ""
+                shown = names if self.changed else ""
+                yield Finding(kind, f"{depends}{shown}: {self.depends[kind]}")
+        for kind, uses in USES.items():
+            used = sorted(f"{each.what} in {each.where}" for each in self.accesses_of(kind))
+            if used:
+                came = self.depends.get(kind)
+                if came is None and (kind in DEPENDS or not self.depends):
+                    came = "no choice was seen to change with it"
+                shown = "" if came is None else f": {came}"
+                yield Finding(kind, f"{uses} ({', '.join(used)}){shown}")
+            elif kind in self.depends:
+                yield Finding(kind, f"{DEPENDS[kind]}: {self.depends[kind]}")
+
+    def accesses_of(self, kind: Kind) -> list[Access]:
+        """Return the accesses of a kind."""
+        return [each for each in self.accesses if each.kind == kind]
+
+
+def difference(run: Mapping[int, Life], other: Mapping[int, Life]) -> Difference | None:
+    """Return the first choice that differs, by round and module; None if there is none.
+
+    A play may have fewer modules than the run; its rounds count as far as both go, and up to the
+    first difference both have seen the same.
+    """
+    rounds = max((len(life.choices) for life in run.values()), default=0)
+    for index in range(rounds):
+        for module in sorted(run.keys() & other.keys()):
+            was, now = run[module].choices, other[module].choices
+            if index < len(was) and index < len(now) and was[index] != now[index]:
+                number = index + 1 if run[module].observations else 0
+                return Difference(module, number, *was[index].beside(now[index]))
+    return None
+
+
+def told(spec: str, found: Difference, how: str, clock: str) -> str:
+    """Return a difference in words; `how` says what was different about the play."""
+    when = f"in {PERIOD[clock]} {found.round}" if found.round else "when it was made"
+    return f"module_{found.module} of {spec} has {found.was} {when}, {how} {found.now}"
+
 
 _HASH_SEEDS = 4
 """So many servers, each with its own hash seed; most plays use the first."""

@@ -27,9 +27,8 @@ from cubepath.agents.locality.plays import (
 )
 from cubepath.agents.locality.surroundings import surrounding_scene
 from cubepath.agents.locality.traps import Traps, place
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream, stream_at
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
-from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

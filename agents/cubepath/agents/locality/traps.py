@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.locality.plays import Access, Conditions
-from cubepath.agents.rules.network import read_network
-from cubepath.agents.rules.streams import NoSeed
+from cubepath.agents.rules.actor import NoSeed
+from cubepath.agents.rules.policy import read_network
 
 CLOCK, RANDOM, PROCESS, ENVIRONMENT = "clock", "random", "process", "environment"
 FILES, NETWORK, FRAMES, MEMORY, SEED = "files", "network", "frames", "memory", "seed"

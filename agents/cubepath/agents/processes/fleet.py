@@ -22,10 +22,10 @@ from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.recruits import Recruits
-from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.schedule import Recorded
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml

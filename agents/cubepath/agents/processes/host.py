@@ -11,8 +11,7 @@ import sys
 
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
-from cubepath.protocol.wire.child import serve
-from cubepath.protocol.wire.shell import Shell
+from cubepath.protocol.wire.shell import Shell, serve
 
 
 def host(orders: Orders) -> None:

@@ -16,21 +16,21 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.agents.processes.join_messages import (
+from cubepath.agents.processes.membership import (
     ANY,
+    ASK_S,
     ENDED,
     PROTOCOL,
+    Liveness,
     Request,
     alive_key,
     orders_key,
     read_offer,
 )
-from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S
-from cubepath.agents.processes.roster import ASK_S
-from cubepath.agents.rules.rule_files import permitted_rule
+from cubepath.agents.rules.registry import permitted_rule
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
 from cubepath.protocol.wire.keys import topic_key

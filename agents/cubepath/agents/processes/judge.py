@@ -3,17 +3,26 @@
 Module processes and the coordinator judge alike, by what every process knows: the run, the system,
 and which modules each process has. What is left to judge, where modules stand and which moves are
 admissible, the coordinator's gatherer knows.
+
+The phases of a round, in which order they come, and when what is missing is asked for.
+
+The nodes of module processes and of the coordinator share them.
+
+What the coordinator refuses: counted, and told of on record without filling it.
+
+Of the messages of a round with the same sender and reason the first is told of at once, with how it
+begins, and how many more there were when the round ends or the wait goes on.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn, TypeAlias
 
 import msgspec
 
 from cubepath.agents.local.observation import SILENT
-from cubepath.agents.processes.phases import KINDS_IN
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
@@ -33,6 +42,7 @@ from cubepath.protocol.wire.messages import (
     Part,
     Ready,
     Reason,
+    Refused,
     Reports,
     Reset,
     Said,
@@ -42,6 +52,23 @@ from cubepath.protocol.wire.messages import (
     encode,
     kind_of,
 )
+from cubepath.protocol.wire.nodes import Keep
+
+Spoken: TypeAlias = Literal["sense", "claim", "settle"]
+"""The phases in which modules say something to each other."""
+KINDS_IN: dict[str, tuple[type[Part], ...]] = {
+    "sense": (Here, Note),
+    "claim": (Claim,),
+    "settle": (Verdict,),
+}
+"""What they say in each."""
+ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
+"""The phases of a round in order; a process joins at the end of the round before the first."""
+BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
+"""What must have been heard before a phase begins."""
+ASK_S_MIN, ASK_S_MAX = 1.0, 4.0
+"""What is missing is asked for after so many seconds, then after twice as many, up to the most."""
+
 
 _SITES_MAX = 1 << 16
 
@@ -230,3 +257,69 @@ def _known(part: Part, value: object, check: Callable[[Any], None]) -> Site:
 def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= _SHORT_MAX else f"{text[:_SHORT_MAX]}..."
+
+
+_KINDS_MAX = 32
+"""So many senders and reasons are told apart in a round."""
+_OTHERS = "others"
+_NAME_MAX, _KEY_MAX, _WHY_MAX, _SAMPLE_MAX = 64, 200, 400, 200
+
+
+class Refusals:
+    """The messages that were refused in a run."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.count = 0
+        """How many there were so far."""
+        self.last: Refused | None = None
+        """The last that was told of in full."""
+        self._known: dict[tuple[str, Reason], Refused] = {}
+        self._more: Counter[tuple[str, Reason]] = Counter()
+        self._round = -1
+
+    def add(
+        self, round_number: int, key: str, data: bytes, error: RefusedError
+    ) -> list[Keep[Refused]]:
+        """Count a message that was refused; return what there is to tell of it now."""
+        told = [] if round_number == self._round else self._begin(round_number)
+        self.count += 1
+        topic = topic_in_key(key)
+        who = topic.rpartition("/")[2][:_NAME_MAX]
+        if (who, error.reason) not in self._known and len(self._known) >= _KINDS_MAX:
+            who = _OTHERS
+        kind = who, error.reason
+        if kind in self._known:
+            self._more[kind] += 1
+            return told
+        self._known[kind] = self.last = Refused(
+            round=round_number,
+            key=topic[:_KEY_MAX],
+            who=who,
+            reason=error.reason,
+            why=str(error)[:_WHY_MAX],
+            count=1,
+            sample=data[:_SAMPLE_MAX].decode(errors="replace"),
+        )
+        return [*told, _keep(self.last)]
+
+    def told(self) -> list[Keep[Refused]]:
+        """Return how many more there were of each kind since this was asked."""
+        found = []
+        for kind, more in self._more.items():
+            first = self._known[kind]
+            found.append(
+                _keep(Refused(first.round, first.key, first.who, first.reason, first.why, more))
+            )
+        self._more.clear()
+        return found
+
+    def _begin(self, round_number: int) -> list[Keep[Refused]]:
+        found = self.told()
+        self._known.clear()
+        self._round = round_number
+        return found
+
+
+def _keep(refused: Refused) -> Keep[Refused]:
+    return Keep(encode(refused), refused)

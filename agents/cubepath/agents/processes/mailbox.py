@@ -10,8 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
-from cubepath.agents.processes.judge import Heard
-from cubepath.agents.processes.phases import Spoken
+from cubepath.agents.processes.judge import Heard, Spoken
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import key_of

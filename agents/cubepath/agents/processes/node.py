@@ -14,11 +14,18 @@ from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import STAY, Observation, goal_sets
-from cubepath.agents.processes.judge import Heard, Judge, RefusedError
+from cubepath.agents.processes.judge import (
+    ASK_S_MAX,
+    ASK_S_MIN,
+    BEFORE,
+    ORDER,
+    Heard,
+    Judge,
+    RefusedError,
+    Spoken,
+)
 from cubepath.agents.processes.mailbox import Inbox, Outbox
-from cubepath.agents.processes.orders import OUTSIDE, Orders
-from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, BEFORE, ORDER, Spoken
-from cubepath.agents.processes.roles import afterwards, at_birth
+from cubepath.agents.processes.orders import OUTSIDE, Orders, afterwards, at_birth
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType

@@ -16,7 +16,7 @@ from typing import IO, NamedTuple
 
 import msgspec
 
-from cubepath.protocol.wire.child import TOLD
+from cubepath.protocol.wire.shell import TOLD
 
 _STDERR = 2
 _LOOK_S = 0.005

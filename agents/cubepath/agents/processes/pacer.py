@@ -12,9 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
-from cubepath.agents.processes.judge import Judge, RefusedError, refuse
-from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, ORDER
-from cubepath.agents.processes.refusals import Refusals
+from cubepath.agents.processes.judge import (
+    ASK_S_MAX,
+    ASK_S_MIN,
+    ORDER,
+    Judge,
+    Refusals,
+    RefusedError,
+    refuse,
+)
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import everything, key_of, topic_key
 from cubepath.protocol.wire.messages import (

@@ -13,17 +13,18 @@ from queue import Empty, SimpleQueue
 
 import zenoh
 
-from cubepath.agents.processes.join_messages import (
+from cubepath.agents.processes.membership import (
     ANY,
     ENDED,
+    Liveness,
+    Roster,
     alive_key,
     offer,
     orders_key,
     read_request,
+    spans,
 )
-from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.orders import Orders
-from cubepath.agents.processes.roster import Roster, spans
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import open_client

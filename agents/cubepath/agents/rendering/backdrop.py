@@ -12,10 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot
-from cubepath.agents.rendering.style import Body, Layer, Moving, Pivot
-from cubepath.agents.rendering.styles import style_of
-from cubepath.agents.rendering.themes import (
+from cubepath.agents.rendering.pen import (
     GHOST,
     GOAL,
     INK,
@@ -25,7 +22,14 @@ from cubepath.agents.rendering.themes import (
     PAPER,
     TILE,
     WALL,
+    Box,
+    Colour,
+    Pen,
+    Points,
+    Spot,
 )
+from cubepath.agents.rendering.style import Body, Layer, Moving, Pivot
+from cubepath.agents.rendering.styles import style_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

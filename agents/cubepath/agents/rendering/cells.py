@@ -14,9 +14,7 @@ from math import ceil, floor, pi, sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import cell_of, known_places, marks_of
-from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs
+from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Points, Shot, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     Look,
@@ -33,8 +31,7 @@ from cubepath.agents.rendering.places import (
     place_pen,
     square_solid,
 )
-from cubepath.agents.rendering.style import Moving, Pivot, Style
-from cubepath.agents.rendering.themes import LINE, TILE, WALL
+from cubepath.agents.rendering.style import Moving, Pivot, Style, cell_of, known_places, marks_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
 from cubepath.protocol.core.sites import Site

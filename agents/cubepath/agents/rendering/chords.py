@@ -10,12 +10,20 @@ from math import sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import spot_of
-from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs
-from cubepath.agents.rendering.solids import Solid, bar
-from cubepath.agents.rendering.style import Body, Moving, Style, readable
-from cubepath.agents.rendering.themes import GHOST, INK, PALE_GOAL, WALL
+from cubepath.agents.rendering.pen import (
+    GHOST,
+    INK,
+    PALE_GOAL,
+    WALL,
+    Box,
+    Mark,
+    Pen,
+    Points,
+    Shot,
+    Spot,
+    arcs,
+)
+from cubepath.agents.rendering.style import Body, Moving, Solid, Style, bar, readable, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System

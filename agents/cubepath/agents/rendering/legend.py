@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING
 
-from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box
+from cubepath.agents.rendering.pen import INK, LIGHT, Box, Mark, Shot, Theme
 from cubepath.agents.rendering.styles import style_of
-from cubepath.agents.rendering.themes import INK, LIGHT, Theme
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

@@ -11,12 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import spot_of
-from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
-from cubepath.agents.rendering.solids import Solid, box_at
-from cubepath.agents.rendering.style import Body, Moving, Style, readable
-from cubepath.agents.rendering.themes import GHOST, GOAL, INK, LINE
+from cubepath.agents.rendering.pen import (
+    GHOST,
+    GOAL,
+    INK,
+    LINE,
+    Box,
+    Colour,
+    Mark,
+    Pen,
+    Points,
+    Shot,
+    Spot,
+    arcs,
+    palette,
+)
+from cubepath.agents.rendering.style import Body, Moving, Solid, Style, box_at, readable, spot_of
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 

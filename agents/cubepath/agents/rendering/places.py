@@ -12,12 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import known_places
-from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
-from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
-from cubepath.agents.rendering.solids import Solid, box_at, disc_at
-from cubepath.agents.rendering.style import Body, readable
-from cubepath.agents.rendering.themes import GOAL, INK, WALL
+from cubepath.agents.rendering.pen import (
+    GOAL,
+    INK,
+    WALL,
+    Box,
+    Colour,
+    Mark,
+    Pen,
+    Points,
+    Shot,
+    Spot,
+    arcs,
+    moves_marks,
+    palette,
+)
+from cubepath.agents.rendering.style import Body, Solid, box_at, disc_at, known_places, readable
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 

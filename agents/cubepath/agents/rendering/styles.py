@@ -1,15 +1,20 @@
 """The styles of pictures by name: the values that a system's `drawing` may have.
 
 Pure functions.
+
+Pictures of the modules as text: the "ansi" render mode.
+
+It only draws what it is given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from cubepath.agents.rendering import cells, chords, edges, letters, vertices
 from cubepath.agents.rendering.style import Style
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 STYLES: Mapping[str, Style] = {
@@ -31,3 +36,23 @@ def style_of(scene: Scene) -> Style:
             f"{scene.spec}: drawing {scene.system.drawing!r}, expected one of {', '.join(STYLES)}"
         )
     return found
+
+
+def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return a picture in plain text of modules at `sites`, by number.
+
+    A module is ``o``, or ``@`` on a cell of the goal; a free cell of the goal is ``+``, any other
+    ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
+    followed by ``*`` at its own goal. Hexagons stand in rows offset by half a cell. Segments of an
+    arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` on edges of the goal; edges of the
+    goal without a segment are ``...`` and ``:``; a marked vertex is ``*``. A general graph has a
+    line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces, so
+    pictures of one run line up while modules stay in it. For chords and letters see
+    `cubepath.agents.rendering.chords` and `letters`.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x2,n=2")
+    >>> print(draw_text(scene, scene.start))
+    o . +
+    o . +
+    """
+    return style_of(scene).text(scene, sites)

@@ -11,9 +11,7 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import known_places, marks_of, spot_of
-from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import Box, Pen, Spot
+from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Shot, Spot
 from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
@@ -27,8 +25,7 @@ from cubepath.agents.rendering.places import (
     place_marks,
     place_pen,
 )
-from cubepath.agents.rendering.style import Moving, Style
-from cubepath.agents.rendering.themes import LINE, TILE, WALL
+from cubepath.agents.rendering.style import Moving, Style, known_places, marks_of, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System

@@ -40,7 +40,7 @@ from cubepath.agents.local.observation import View
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import VehicleGraph
 
 NOWHERE = -1
 """In a register: no vertex."""

@@ -54,7 +54,7 @@ from cubepath.agents.rules.graph_distances import Roads, roads_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import VehicleGraph
 
 NOTHING = -1
 """Instead of a goal: a hole, or nothing carried."""

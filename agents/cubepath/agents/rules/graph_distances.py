@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from weakref import WeakKeyDictionary
 
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import VehicleGraph
 
 _OPEN = -1
 """Instead of a vertex: none is closed."""

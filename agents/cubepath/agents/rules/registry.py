@@ -1,24 +1,140 @@
-"""The rules by name, of the project and of other distributions."""
+"""The rules by name, of the project and of other distributions.
+
+Rules from files of the user: ``FILE.py:NAME``, where NAME is a `RuleType`.
+
+What a caller asks for by name: a scene, and the rule that its modules follow.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Collection, Iterable
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
+from hashlib import sha256
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path, PurePath
+from types import CodeType
 from typing import TYPE_CHECKING
 
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleType
-from cubepath.agents.rules.rule_files import is_in_file, rule_in_file
 from cubepath.agents.rules.tswap import TSWAP
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
-from cubepath.protocol.core.system import System
+from cubepath.protocol.core.errors import InputError, RuleError
+from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.given import real_number, whole_number
+from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.scenes.registry import sound_family
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
+
+RULE_MODULE = "cubepath_rule_"
+"""How the names of the modules begin that such files become."""
+_SUFFIX = ".py"
+
+
+class _AsRead(SourceFileLoader):
+    """Runs a file as it was read; what Python compiled of it before may be of another text."""
+
+    def __init__(self, name: str, path: Path, text: bytes) -> None:
+        super().__init__(name, str(path))
+        self._text = text
+
+    def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - there is one
+        """Return the code of what was read."""
+        return self.source_to_code(self._text, self.path)
+
+
+def is_in_file(name: str) -> bool:
+    """Return whether a rule's name is of the form FILE.py:NAME."""
+    return name.rpartition(":")[0].endswith(_SUFFIX)
+
+
+def permitted_rule(named: str, given: Collection[str] = ()) -> str:
+    """Return the name under which to load a rule that an input names.
+
+    An input can name any file, so a file runs only if you gave it: one of `given` is FILE.py:NAME
+    with the same last part of the path, and stands for what the input names. InputError if none is.
+    """
+    if not is_in_file(named):
+        return named
+    for own in given:
+        if stands_for(own, named):
+            return own
+    raise InputError(
+        f"rule {named!r} is in a file, which does not run because an input names it, expected also"
+        " --rule FILE.py:NAME"
+    )
+
+
+def stands_for(given: str, named: str) -> bool:
+    """Return whether a rule that you give, FILE.py:NAME, is the one that an input names."""
+    return is_in_file(named) and _without_folder(given) == _without_folder(named)
+
+
+def check_rule_file(name: str) -> None:
+    """Raise InputError unless a name is of the form FILE.py:NAME and that file is there."""
+    file = Path(name.rpartition(":")[0])
+    if not is_in_file(name):
+        raise InputError(f"rule {name!r}: expected FILE.py:NAME of a rule in a file")
+    if not file.is_file():
+        raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule")
+
+
+def _without_folder(name: str) -> tuple[str, str]:
+    file, _, own = name.rpartition(":")
+    return PurePath(file).name, own
+
+
+@cache
+def rule_in_file(name: str) -> RuleType:
+    """Return the rule FILE.py:NAME; InputError if there is none.
+
+    The file is run once in a process, as a module of its own, until `forget_rule_files`; it is not
+    put on the search path. The `content` of the rule is that of the file, and its own.
+    """
+    file, _, wanted = name.rpartition(":")
+    path = Path(file).resolve()
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule") from None
+    except OSError as error:
+        why = "is a folder" if path.is_dir() else f"cannot be read: {error.strerror or error}"
+        raise InputError(f"{file}: {why}, expected FILE.py:NAME of a rule") from None
+    title = f"{RULE_MODULE}{path.stem}"
+    spec = spec_from_file_location(title, path, loader=_AsRead(title, path, text))
+    if spec is None or spec.loader is None:
+        raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule")
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses and pickles look there
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{file}: {type(error).__name__}: {why}") from error
+    names = {key for key, value in vars(module).items() if isinstance(value, RuleType)}
+    if wanted not in names:
+        near = did_you_mean(wanted, sorted(names))
+        held = ", ".join(sorted(names)) or "none"
+        raise InputError(f"{file}: no rule {wanted!r}{near}, expected a RuleType, found {held}")
+    rule: RuleType = getattr(module, wanted)
+    return replace(rule, content=f"{sha256(text).hexdigest()} {rule.content}")
+
+
+def forget_rule_files() -> None:
+    """Run files of rules anew when they are asked for again: they may have been changed."""
+    rule_in_file.cache_clear()
+
 
 GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
@@ -119,3 +235,85 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
         near = _near(name) if found is None else ""
         raise InputError(f"{what} {name!r}{near}, expected one of {fitting}")
     return found
+
+
+_TRIED = 16
+"""For so many modules a rule is made to see whether it refuses a scene."""
+
+
+def own_rule(scene: Scene) -> str:
+    """Return the name of the rule that reaches the goal of the scene's family; else ``random``."""
+    family = sound_family(scene.family)
+    return (family.rule if family is not None else None) or "random"
+
+
+def rule_for(name: str, scene: Scene, clock: str = "lockstep") -> RuleType:
+    """Return the rule of that name, or of the form FILE.py:NAME.
+
+    InputError if there is none, or it is not for the system, this scene of it, or the clock.
+    """
+    found = rule_named(name, scene.system, clock)
+    why = misfit(found, scene, clock)
+    if why is not None:
+        fitting = ", ".join(fitting_rules(scene, clock))
+        raise InputError(f"not for this scene: {why}, expected one of {fitting}")
+    return found
+
+
+def misfit(
+    rule: RuleType, scene: Scene, clock: str = "lockstep", *, foreign: bool = False
+) -> str | None:
+    """Return why a rule that is for the system refuses this scene of it; None if it does not.
+
+    It is made for the modules, or some where there are many. An error of another kind is that of a
+    run, and no refusal. A rule from elsewhere is made only if you want `foreign` ones to be: it may
+    end its process, which is to be one of its own.
+    """
+    if not foreign and BUILT_IN.get(rule.name) is not rule:
+        return None
+    last = len(scene.start) - 1
+    tried = range(last + 1)
+    if last >= _TRIED:
+        tried = range(0, last + 1, last // (_TRIED - 1))
+    try:
+        actors_for(scene, rule, seed=0, hesitate=0.0, modules=list(tried), clock=clock)
+    except InputError as error:
+        return str(error)
+    except RuleError:
+        pass
+    return None
+
+
+def fitting_rules(scene: Scene, clock: str = "lockstep", *, foreign: bool = False) -> list[str]:
+    """Return the names of the rules that are for a scene under a clock; see `misfit`."""
+    return [
+        rule.name
+        for rule in rules_for(scene.system)
+        if clock in rule.clocks and misfit(rule, scene, clock, foreign=foreign) is None
+    ]
+
+
+def scene_and_rule(
+    system: str | Path | Scene, rule: str | RuleType | None, clock: str = "lockstep"
+) -> tuple[Scene, RuleType]:
+    """Return a scene and a rule that were given by name, or are what they should be already.
+
+    InputError if there are none of these names, or a rule of that name does not fit the system or
+    hold under the clock.
+    """
+    if not isinstance(system, str | Path | Scene):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"system={system!r}: expected a name, a file or a scene")
+    scene = system if isinstance(system, Scene) else scene_from_spec(str(system))
+    if isinstance(rule, RuleType):
+        return scene, rule
+    return scene, rule_named(own_rule(scene) if rule is None else rule, scene.system, clock)
+
+
+def check_seeds(seeds: object, hesitate: object) -> None:
+    """Check seeds, and with which probability modules skip a round; InputError as for a run."""
+    if not isinstance(seeds, Iterable):
+        raise InputError(f"seeds={seeds!r}: expected several seeds")
+    for seed in seeds:
+        whole_number("seed", seed, 0)
+    if not 0.0 <= real_number("hesitate", hesitate) < 1.0:
+        raise InputError(f"hesitate={hesitate}: expected at least 0 and less than 1")

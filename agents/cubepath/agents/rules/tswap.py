@@ -56,7 +56,7 @@ from cubepath.agents.rules import free_tswap
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import VehicleGraph
 
 NOBODY = -1
 """In a note: no probe."""

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from cubepath.agents.rules.actor import Actor
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream
+from cubepath.agents.rules.registry import permitted_rule, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
-from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.agents.rules.schedule import SCHEDULE
-from cubepath.agents.rules.streams import HESITATE, RULE, stream
 from cubepath.coordinator.verification.free_transcript import turn_text
 from cubepath.coordinator.verification.free_turns import Seen
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in

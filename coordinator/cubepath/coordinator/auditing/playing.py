@@ -3,30 +3,87 @@
 Each module gets an `Actor` of its own, as in a run, with the random streams of the recorded seed.
 It is given the observation that verification derives, with the notes on record, so that a note that
 was changed is named once, and where it was said.
+
+Which module has to make which move of a schedule, derived from where modules stand.
+
+A run assigns all moves before it begins; here each round is looked at by itself. Both are the same
+as long as every cube before was carried out, and after a cube that was not the schedule is over.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from typing import TypeAlias
 
 from cubepath.agents.rules.actor import Actor, actors_for
-from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.agents.rules.registry import permitted_rule, rule_named, rules
 from cubepath.agents.rules.rule import Choice, RuleType
-from cubepath.agents.rules.rule_files import permitted_rule
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
-from cubepath.coordinator.auditing.assigning import Part, Parts
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
 from cubepath.coordinator.verification.stages import Stage, spans, stages_in
 from cubepath.coordinator.verification.transcript import Transcript, site_in
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note
+
+Part: TypeAlias = GeneratorPlacement
+"""What one module has to do in a round."""
+_NO_MOVE = (InputError, TypeError, IndexError, ValueError)
+"""What a system says of a place of whatever form, which no file was checked for."""
+
+
+class Parts:
+    """The parts of the modules in a schedule."""
+
+    def __init__(self, system: System, cubes: Cubes) -> None:
+        """Take the schedule on record; obstacles do not change whose move it is."""
+        self._cubes = cubes
+        placed = ((move.generator, site_in(move.at)) for cube in cubes for move in cube)
+        try:
+            self._system = system.with_moves((name, at) for name, at in placed if at is not None)
+        except _NO_MOVE:
+            self._system = system
+
+    def of_round(
+        self, number: int, sites: Sequence[Site]
+    ) -> tuple[dict[int, Part], list[GeneratorPlacement]]:
+        """Return the part of each module that has one, and the moves that are nobody's.
+
+        A move is its mover's if the modules in its trace are those that it takes along.
+        """
+        if not 1 <= number <= len(self._cubes):
+            return {}, []
+        where = {site: module for module, site in enumerate(sites)}
+        own: dict[int, Part] = {}
+        nobodys: list[GeneratorPlacement] = []
+        for placed in self._cubes[number - 1]:
+            move = self._move(placed, where)
+            if move is None:
+                nobodys.append(placed)
+            else:
+                own[where[move.source]] = GeneratorPlacement(move.generator, move.at)
+        return own, nobodys
+
+    def _move(self, placed: GeneratorPlacement, where: dict[Site, int]) -> Move | None:
+        at = site_in(placed.at)
+        if at is None:
+            return None
+        try:
+            action = self._system.action(placed.generator, at)
+        except _NO_MOVE:
+            return None
+        on = {site for site in action.trace if site in where}
+        for move in self._system.moves_of(action):
+            if on == {source for source, _ in move.motion}:
+                return move
+        return None
+
 
 _Fail = Callable[[str], None]
 _Named = tuple[str, Site | None] | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from cubepath.agents.rules.rule_files import stands_for
+from cubepath.agents.rules.registry import stands_for
 from cubepath.coordinator.auditing.free_playing import FreePlaying
 from cubepath.coordinator.auditing.playing import Playing
 from cubepath.coordinator.verification.findings import Progress, Verification

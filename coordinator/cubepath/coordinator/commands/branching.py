@@ -20,9 +20,8 @@ from cubepath.coordinator.commands.console import (
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import module_numbers, number, whole
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.runs.live import LiveReplay

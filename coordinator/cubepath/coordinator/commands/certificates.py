@@ -21,10 +21,9 @@ from cubepath.coordinator.commands.files import (
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.plugins import plugin
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import InputFile, Source, file_within, opened
-from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
@@ -124,7 +123,7 @@ def write_schedule(output: Path, found: Shortened, known: Any, told: Explained) 
     from cubepath.protocol.path_files.moves import write_cubes  # noqa: PLC0415
 
     if told.timed is not None:
-        from cubepath.protocol.path_files.timetables import write_timetable  # noqa: PLC0415
+        from cubepath.protocol.path_files.schedules import write_timetable  # noqa: PLC0415
 
         write_timetable(output, told.timed.lines())
     elif output.suffix.lower() == ".npz":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, table
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number, whole
-from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.formatting import visible
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.agents.locality.check import Checked

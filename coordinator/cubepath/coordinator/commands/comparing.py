@@ -13,7 +13,7 @@ from cubepath.coordinator.commands.files import check_files, file_name
 from cubepath.coordinator.commands.plan_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 
 
 def add_comparing_options(verify: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def compare(options: argparse.Namespace) -> int:
         if getattr(options, name) is not None:
             raise InputError(f"{how}: compares two paths, expected no --{name}")
     check_files(options, paths)
-    from cubepath.coordinator.shortening.comparing import difference_of  # noqa: PLC0415
+    from cubepath.coordinator.shortening.conversion import difference_of  # noqa: PLC0415
 
     with progress_bar(None, "compare", " moves") as bar:
         found = difference_of(

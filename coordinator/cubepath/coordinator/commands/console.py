@@ -20,8 +20,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Self, TextIO, cast
 
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError, bounded
+from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

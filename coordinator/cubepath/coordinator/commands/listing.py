@@ -41,8 +41,10 @@ def _systems(options: argparse.Namespace) -> int:
 
 
 def _rules(options: argparse.Namespace) -> int:
-    from cubepath.agents.rules.asked import misfit  # noqa: PLC0415
-    from cubepath.agents.rules.registry import rules  # noqa: PLC0415
+    from cubepath.agents.rules.registry import (  # noqa: PLC0415
+        misfit,
+        rules,
+    )
     from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 

@@ -19,8 +19,8 @@ from tempfile import mkdtemp
 
 from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.usage import AddCommand
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.output_files import unwritable
 
 KINDS = ("rule", "system")

@@ -35,10 +35,9 @@ from cubepath.coordinator.commands.files import (
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.coordinator.plugins import plugin
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import Source, file_within, readable
-from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification
@@ -118,7 +117,7 @@ def _check_alone(options: argparse.Namespace) -> None:
 
 
 def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
-    from cubepath.agents.rules.rule_files import check_rule_file  # noqa: PLC0415
+    from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
     from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 

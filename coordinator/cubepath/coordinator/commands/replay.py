@@ -119,13 +119,13 @@ def _add_choice(replay: argparse.ArgumentParser) -> None:
 
 def _pace(text: str) -> str:
     """Check a rate, such as 10, 2x or max."""
-    from cubepath.coordinator.playback.spots import read_pace  # noqa: PLC0415
+    from cubepath.coordinator.playback.timeline import read_pace  # noqa: PLC0415
 
     return _checked(text, read_pace)
 
 
 def _spot(text: str) -> str:
-    from cubepath.coordinator.playback.spots import read_spot  # noqa: PLC0415
+    from cubepath.coordinator.playback.timeline import read_spot  # noqa: PLC0415
 
     return _checked(text, read_spot)
 
@@ -200,7 +200,7 @@ def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
             step = "level" if recording.clock == "free" else "round"
             play_by_keys(player, options.begin or "0", step)
             return player.wait()
-    from cubepath.coordinator.playback.replaying import replay  # noqa: PLC0415
+    from cubepath.coordinator.playback.player import replay  # noqa: PLC0415
 
     with progress_bar(len(recording.records), "replay", " messages") as bar:
         given["progress"] = bar.update

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
-from cubepath.protocol.core.control_characters import visible
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.tables import Table

@@ -24,8 +24,8 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, module_numbers, number, whole
 from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
-from cubepath.protocol.core.plurals import counted
 
 _NAME = re.compile(r"process_(0|[1-9]\d{0,8})", re.ASCII)
 _RUN = re.compile(r"[0-9a-f]{12}")

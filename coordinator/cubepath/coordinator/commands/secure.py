@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.usage import AddCommand, whole
-from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.formatting import visible
 
 
 def add_commands(command: AddCommand) -> None:

@@ -31,8 +31,8 @@ from cubepath.coordinator.commands.plan_options import (
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.coordinator.plugins import plugin
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import visible
 
 
 def add_commands(command: AddCommand) -> None:

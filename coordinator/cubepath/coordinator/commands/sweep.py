@@ -20,9 +20,8 @@ from cubepath.coordinator.commands.console import (
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import Lines, progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number, whole
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, Protocol
 
 from cubepath.coordinator.commands.console import BAD_INPUT, complain, say
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):

@@ -22,12 +22,11 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import gathered_run
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
-from cubepath.coordinator.experiments.setting import Setting
-from cubepath.coordinator.experiments.slow_modules import slow_modules
+from cubepath.coordinator.experiments.setting import Setting, slow_modules
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, to_json
 from cubepath.protocol.wire.messages import Executed
 

@@ -8,7 +8,7 @@ from cubepath.coordinator.experiments.facts import Change, SceneFacts
 from cubepath.coordinator.experiments.outcomes import GOAL, PlayedRun
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.sites import Ordinals
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode
 

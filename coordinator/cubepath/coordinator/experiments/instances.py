@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.toml_text import parsed_toml
+from cubepath.protocol.core.parsing import parsed_toml
 
 FOLDER = Path(__file__).parent / "standard"
 

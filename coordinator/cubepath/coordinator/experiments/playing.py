@@ -2,28 +2,36 @@
 
 Nothing is raised but interrupts: what goes wrong in a run is a row of its own. A process that plays
 may live for long, and files change: what is played is what was asked for.
+
+What is found out of a scene after its runs were played: added to their rows.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from errno import EDQUOT, EMFILE, ENFILE, ENOMEM, ENOSPC
 from pathlib import Path
 
-from cubepath.agents.rules.rule_files import forget_rule_files
+from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.facts import SceneFacts, facts_of, forget_facts
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import PREVENTED, TIMEOUT, Finished
-from cubepath.coordinator.experiments.setting import Batch, Setting, code_version, scene_hash
+from cubepath.coordinator.experiments.rows import AGAIN, PREVENTED, TIMEOUT, Finished, Row
+from cubepath.coordinator.experiments.setting import (
+    Batch,
+    Setting,
+    code_version,
+    scene_hash,
+    source_hash,
+)
 from cubepath.coordinator.experiments.simulated_core import play_simulated
-from cubepath.coordinator.experiments.sources import source_hash
 from cubepath.coordinator.experiments.time_limits import OverTimeError, TimeLimit, over_limit
 from cubepath.coordinator.experiments.wire_core import play_on_wire
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -204,3 +212,47 @@ def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
         played = play(setting, facts, seed, log)
         _check_again(setting)
         yield played
+
+
+_SEARCHES = ("optimum", "improve")
+
+
+def searching(batches: Iterable[Batch]) -> bool:
+    """Return whether anything is searched for in scenes."""
+    return any(getattr(batch.setting, name) for batch in batches for name in _SEARCHES)
+
+
+def searched_again(batches: Iterable[Batch], rows: Iterable[Row]) -> Iterator[Row]:
+    """Yield the rows of known runs for whose scenes more is searched now, with what is found.
+
+    A row is as that of a run which is played with these searches, and keeps what was known.
+    """
+    known = {row["id"]: row for row in rows if row["ended"] not in AGAIN}
+    for batch in batches:
+        asked = {name: getattr(batch.setting, name) for name in _SEARCHES}
+        for row in (known[each] for each in batch.ids() if each in known):
+            told = json.loads(row["configuration"])
+            if all(asked[name] <= told[name] for name in _SEARCHES):
+                continue
+            more = {name: max(asked[name], told[name]) for name in _SEARCHES}
+            facts = loaded_facts(batch.setting, **more)
+            configuration = json.dumps(told | more, sort_keys=True)
+            yield row | _found(row, facts) | {"configuration": configuration}
+
+
+def _found(row: Row, facts: SceneFacts) -> Row:
+    """Return the columns of a row that follow from what is known of its scene."""
+    if row["rounds"] is None:  # it failed
+        cubes, bound = None, None
+    else:
+        cubes = row["cubes"] if row["goal"] else None
+        bound = max(_known(row["bound"], facts.bound(cubes)), default=None)
+    best = min(_known(row["best_known"], facts.best_found), default=None)
+    optimum = next(iter(_known(facts.optimum, row["optimum"])), None)
+    if optimum is None and bound is not None and bound in (best, cubes):
+        optimum = bound
+    return {"bound": bound, "best_known": best, "optimum": optimum}
+
+
+def _known(*numbers: int | None) -> list[int]:
+    return [each for each in numbers if each is not None]

@@ -22,14 +22,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.prices import priced, stacked
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.tables import (
     WORLD,
     best_by_system,
     by_size,
     groups,
+    priced,
     rounds_or_limit,
+    stacked,
     varying,
     without_size,
 )

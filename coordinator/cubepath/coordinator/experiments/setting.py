@@ -2,22 +2,93 @@
 
 A run's id is a hash of its configuration, of what its files contain and of the code, so that a run
 that is known need not be run again, and any other one is.
+
+What a rule from elsewhere follows from: its files, and what it has learned.
+
+Which modules are slow in a run: the same ones under every rule, clock and core.
 """
 
 from __future__ import annotations
 
+import inspect
 import json
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
+import numpy as np
+
+from cubepath.agents.rules.registry import BUILT_IN, RULE_MODULE, find_rule, is_in_file
+from cubepath.agents.rules.rule import RuleType
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
+
+_DIGITS = 16
+
+
+def source_hash(rule: str) -> str:
+    """Return a hash of all that a rule from elsewhere follows from; "" for built-in ones.
+
+    That is its `content`, which has the file of FILE.py:NAME, and the files in which the functions
+    and the policy are that it is made of; it is of what was loaded, whatever is there now.
+    InputError if there is no such rule.
+    """
+    if rule in BUILT_IN:
+        return ""
+    found = find_rule(rule)
+    if found is None:
+        raise InputError(f"unknown rule {rule!r}")
+    own = Path(rule.rpartition(":")[0]).resolve() if is_in_file(rule) else None
+    others = {_file_hash(path) for path in _files(found) if path != own}
+    told = " ".join([found.content, *sorted(others)])
+    return sha256(told.encode()).hexdigest()[:_DIGITS]
+
+
+@cache
+def _file_hash(path: Path) -> str:
+    """Return the hash of a file when it was first asked for; modules are loaded once, too."""
+    return sha256(path.read_bytes()).hexdigest()
+
+
+def _files(rule: RuleType) -> set[Path]:
+    """Return the files of code that a rule is made of, but for those that it imports."""
+    parts: list[object] = [rule.make, rule.fits, rule.note_length, rule.vectorised]
+    if rule.free is not None:
+        parts += [rule.free.make, rule.free.note_length]
+    found: set[Path] = set()
+    for part in parts:
+        while isinstance(part, partial):
+            part = part.func  # noqa: PLW2901
+        found |= {path.resolve() for path in _files_of(part) if path.is_file()}
+    return found
+
+
+def _files_of(part: object) -> Iterator[Path]:
+    """Yield the file in which a function, or the class of an object, is, and that of its module.
+
+    They differ for a policy: it has its own module, and what makes a rule of it its own file.
+    """
+    if part is None:
+        return
+    code = inspect.unwrap(part) if callable(part) else part
+    for held in (code, type(code)):
+        with suppress(TypeError, OSError):
+            yield Path(inspect.getsourcefile(held) or "")  # type: ignore[arg-type]
+            break
+    name = getattr(part, "__module__", None) or ""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    # Modules of files of rules are told apart by their files, which `content` has.
+    if file and not name.startswith(RULE_MODULE):
+        yield Path(file)
+
 
 Core: TypeAlias = Literal["compiled", "simulated", "wire"]
 Clock: TypeAlias = Literal["lockstep", "free"]
@@ -198,3 +269,28 @@ def _sources() -> Iterator[tuple[str, Path]]:
                 ):
                     continue
                 yield ".".join((large, *parts)), path
+
+
+_STREAM = 3
+"""What a stream of random numbers is for, beside those of rules, schedulers and late sights."""
+
+
+def slow_modules(setting: Setting, scene: Scene, seed: int) -> list[int]:
+    """Return the slow modules of a run by number: a share of all, drawn from its seed alone."""
+    modules = len(scene.start)
+    count = round(setting.faults.slow * modules)
+    drawn = np.random.default_rng([seed, _STREAM]).permutation(modules)[:count]
+    return sorted(drawn.tolist())
+
+
+def thinking(setting: Setting, scene: Scene, seed: int) -> dict[int, float]:
+    """Return how slowly each module thinks without rounds, in runs with messages.
+
+    1 is 10 ms for a choice. Where no share of slow modules is given nobody takes time to think, and
+    nothing is returned; where one is, all others think too, also if it comes to no module at all.
+    """
+    if not setting.faults.slow:
+        return {}
+    factors = dict.fromkeys(range(len(scene.start)), 1.0)
+    slow = slow_modules(setting, scene, seed)
+    return factors | dict.fromkeys(slow, float(setting.faults.slow_factor))

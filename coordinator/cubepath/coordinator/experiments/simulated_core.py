@@ -21,15 +21,14 @@ from cubepath.coordinator.experiments.outcomes import (
     MAX_ROUNDS,
     PlayedRun,
 )
-from cubepath.coordinator.experiments.setting import FaultRates, Setting
-from cubepath.coordinator.experiments.slow_modules import thinking
+from cubepath.coordinator.experiments.setting import FaultRates, Setting, thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.lockstep import Lockstep
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import Simulated, simulate
+from cubepath.coordinator.simulation.swarm import Lockstep
 
 _BACK_US = SECOND_US
 """Without rounds, another process takes the place of one that died after so long."""

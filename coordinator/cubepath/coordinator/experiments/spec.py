@@ -13,9 +13,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
-from cubepath.agents.rules.asked import own_rule, rule_for
-from cubepath.agents.rules.registry import find_rule, unknown_rule
-from cubepath.agents.rules.rule_files import forget_rule_files, permitted_rule
+from cubepath.agents.rules.registry import (
+    find_rule,
+    forget_rule_files,
+    own_rule,
+    permitted_rule,
+    rule_for,
+    unknown_rule,
+)
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.coordinator.experiments.setting import (
@@ -31,15 +36,14 @@ from cubepath.coordinator.experiments.setting import (
     code_version,
     run_id,
     scene_hash,
+    source_hash,
 )
-from cubepath.coordinator.experiments.sources import source_hash
 from cubepath.coordinator.experiments.time_limits import TIMEOUT_S_MAX
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.keyed_values import given_values
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.parsing import given_values, parsed_toml
 from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.scenes.registry import family_named
 from cubepath.protocol.scenes.specs import is_scene_file, names_file, scene_from_spec, spec_within
 

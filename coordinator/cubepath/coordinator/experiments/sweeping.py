@@ -10,6 +10,7 @@ from typing import Any
 
 from cubepath.coordinator.experiments.executors import Workers, played_by, played_here
 from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
+from cubepath.coordinator.experiments.playing import searched_again, searching
 from cubepath.coordinator.experiments.rows import (
     FAILURES,
     ROUND_COLUMNS,
@@ -18,7 +19,6 @@ from cubepath.coordinator.experiments.rows import (
     Row,
     in_canonical_order,
 )
-from cubepath.coordinator.experiments.searches import searched_again, searching
 from cubepath.coordinator.experiments.setting import Batch, FaultRates, run_id
 from cubepath.coordinator.experiments.spec import (
     Expansion,

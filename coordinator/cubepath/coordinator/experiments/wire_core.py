@@ -10,8 +10,7 @@ from pathlib import Path
 from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import recorded_run
 from cubepath.coordinator.experiments.outcomes import ERROR, GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
-from cubepath.coordinator.experiments.setting import Setting
-from cubepath.coordinator.experiments.slow_modules import thinking
+from cubepath.coordinator.experiments.setting import Setting, thinking
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan

@@ -22,8 +22,7 @@ from cubepath.coordinator.normal_form.array_heap import (
 )
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.ordinals import Ordinals
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Ordinals, Site, in_order
 from cubepath.protocol.path_files.supports import TRACE, Supports
 
 _QUEUE = 4096

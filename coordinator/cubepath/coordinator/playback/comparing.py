@@ -1,4 +1,7 @@
-"""A replay compared with the record: what was gathered anew is what the coordinator once wrote."""
+"""A replay compared with the record: what was gathered anew is what the coordinator once wrote.
+
+How much of its run a recording holds, and so what a replay can be compared with.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cubepath.coordinator.playback.extent import Extent
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.partial import hole_in, why_partial
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, spans_text
+from cubepath.coordinator.verification.transcript import is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Recording
@@ -25,6 +29,26 @@ from cubepath.protocol.wire.messages import (
     Summary,
     decode,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What is missing of a run in its recording."""
+
+    cut_off: bool
+    """Whether its end may be missing, as the recording says, or since it is damaged."""
+    lacking: str | None
+    """Why messages are missing at the start or in between, in a line; None if none are."""
+
+
+def extent_of(recording: Recording) -> Extent:
+    """Return how much of its run a recording holds."""
+    lacking = why_partial(recording)
+    if lacking is None and (hole := hole_in(recording)) is not None:
+        lacking = str(hole)
+    cut_off = lacking is not None or bool(recording.problems) or is_cut_off(recording)
+    return Extent(cut_off, lacking)
+
 
 _RESULTS = ("cubes", "summary")
 """What the coordinator says at the end of a whole run."""

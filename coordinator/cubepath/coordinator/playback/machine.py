@@ -26,9 +26,16 @@ from cubepath.coordinator.playback.orders import (
     Why,
     checked,
 )
-from cubepath.coordinator.playback.reel import START, Mark, Reel
 from cubepath.coordinator.playback.selection import Selection
-from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
+from cubepath.coordinator.playback.timeline import (
+    START,
+    Mark,
+    Pace,
+    Reel,
+    Spot,
+    read_pace,
+    read_spot,
+)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.records import Record
 

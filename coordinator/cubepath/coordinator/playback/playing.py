@@ -17,23 +17,21 @@ from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 import msgspec
 import zenoh
 
-from cubepath.coordinator.playback.asked import Asked, answer_queries
-from cubepath.coordinator.playback.comparing import Comparison, Replayed, not_compared_of
-from cubepath.coordinator.playback.extent import extent_of
+from cubepath.coordinator.playback.comparing import Comparison, Replayed, extent_of, not_compared_of
 from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
 from cubepath.coordinator.playback.orders import (
+    Asked,
     PlayerStatus,
     Position,
     Why,
+    answer_queries,
     player_key,
     position_key,
 )
-from cubepath.coordinator.playback.reel import Mark, Reel
-from cubepath.coordinator.playback.segments import Segments
+from cubepath.coordinator.playback.segments import Segments, States
 from cubepath.coordinator.playback.selection import Keys, Selection, check_run
-from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
-from cubepath.coordinator.playback.states import States
-from cubepath.coordinator.runs.about import About, offer
+from cubepath.coordinator.playback.timeline import Mark, Pace, Reel, Spot, read_pace, read_spot
+from cubepath.coordinator.runs.asking import About, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import real_number, seconds
 from cubepath.protocol.core.sites import in_order, to_json

@@ -3,17 +3,18 @@
 It decides nothing, and nobody waits for it: it may come late, or go and come back, as keepers have
 logged everything that was committed. Other messages are said again as long as their senders have
 them.
+
+Which messages of a free run have arrived, by their senders' numbers, and which are lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cubepath.agents.processes.judge import RefusedError
-from cubepath.agents.processes.refusals import Refusals
+from cubepath.agents.processes.judge import Refusals, RefusedError
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.coordinator.runs.heard import Heard
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import (
     Asks,
@@ -31,6 +32,7 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
     free_key,
     free_kind,
+    free_sender,
 )
 from cubepath.protocol.wire.keys import everything, topic_in_key
 from cubepath.protocol.wire.messages import (
@@ -41,6 +43,84 @@ from cubepath.protocol.wire.messages import (
     encode,
 )
 from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
+
+ASKS_MAX = 12
+"""So often it is asked for the same messages; then they are given up."""
+
+
+@dataclass(slots=True)
+class _Birth:
+    """What has come of a sender since it was born."""
+
+    birth: int
+    upto: int = 0
+    """All messages up to this number have come, or were given up."""
+    beyond: set[int] = field(default_factory=set)
+    last: int = 0
+    """The greatest number that is known to have been given."""
+    left: int = 0
+    """How many messages are still lacking since it was last asked."""
+    asks: int = 0
+
+    def take(self, said: int, *, own: bool) -> None:
+        self.last = max(self.last, said)
+        if own and said > self.upto:
+            self.beyond.add(said)
+            self._close()
+
+    def _close(self) -> None:
+        while self.upto + 1 in self.beyond:
+            self.upto += 1
+            self.beyond.remove(self.upto)
+
+    @property
+    def lacking(self) -> int:
+        return self.last - self.upto - len(self.beyond)
+
+    def give_up(self) -> None:
+        self.upto, self.asks = min(self.beyond, default=self.last + 1) - 1, 0
+        self._close()
+
+
+class Heard:
+    """What has come of all senders; of those that were born again only the last birth counts."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._births: dict[str, _Birth] = {}
+
+    def take(self, message: FreeMessage) -> None:
+        """Take note of a message."""
+        said = getattr(message, "said", 0)
+        birth = getattr(message, "birth", 0)
+        if not said:
+            return
+        sender = free_sender(message)
+        known = self._births.get(sender)
+        if known is None or known.birth < birth:
+            known = self._births[sender] = _Birth(birth)
+        if known.birth == birth:
+            known.take(said, own=not isinstance(message, Rest | Tail))
+
+    @property
+    def lacking(self) -> int:
+        """Return how many messages are known to be missing and were not given up."""
+        return sum(known.lacking for known in self._births.values())
+
+    def asks(self) -> Iterator[Repeat]:
+        """Yield what to ask of whom; what does not come after many times is given up."""
+        for sender, known in sorted(self._births.items()):
+            lacking = known.lacking
+            if not lacking:
+                continue
+            known.asks = known.asks + 1 if lacking == known.left else 1
+            known.left = lacking
+            if known.asks > ASKS_MAX:
+                known.give_up()
+            elif known.asks > 1:  # what has just been said may be on its way
+                before = min(known.beyond, default=known.last + 1)
+                yield Repeat(sender, known.birth, known.upto, before - 1)
+
 
 LOOK_S = 0.25
 """How often it looks for what it lacks."""

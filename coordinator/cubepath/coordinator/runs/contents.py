@@ -8,13 +8,11 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.verification.holes import lacks
-from cubepath.coordinator.verification.partial import moves_in, whole_rounds
+from cubepath.coordinator.verification.partial import lacks, moves_in, whole_rounds
 from cubepath.coordinator.verification.transcript import RECOVERED
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT

@@ -11,9 +11,8 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from cubepath.agents.processes.pacer import PATIENCE_S
-from cubepath.agents.rules.recorded import Recorded
-from cubepath.agents.rules.registry import rule_named
-from cubepath.agents.rules.rule_files import permitted_rule
+from cubepath.agents.rules.registry import permitted_rule, rule_named
+from cubepath.agents.rules.schedule import Recorded
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome

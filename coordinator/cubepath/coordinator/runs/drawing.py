@@ -19,17 +19,16 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import Box
+from cubepath.agents.rendering.pen import DARK, GOAL, INK, LIGHT, PAPER, Box, Theme
 from cubepath.agents.rendering.pictures import draw_on, extent
-from cubepath.agents.rendering.themes import DARK, GOAL, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
-from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
+from cubepath.coordinator.runs.states import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 

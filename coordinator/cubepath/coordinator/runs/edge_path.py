@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import Cubes

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import palette
+from cubepath.agents.rendering.pen import DARK, INK, LIGHT, PAPER, Theme, palette
 from cubepath.agents.rendering.pictures import draw_on, extent
-from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.runs.drawing import check_suffix
-from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
+from cubepath.coordinator.runs.states import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.system import Scene

@@ -4,6 +4,8 @@ A commit says which version of each unit it read and overwrote, and how often wh
 been read. So it is released when the units are as it found them: no clock and no order of arrival
 decides, and what was released at any time could have been all that happened. The path is ordered by
 levels, in a level by generator and place: moves of one level commute.
+
+The commits of one keeper: which of them have come.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import TypeAlias
 
 import msgspec
@@ -18,12 +21,10 @@ import numpy as np
 
 from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.coordinator.runs.commits import Commits, Released, named
 from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest
 from cubepath.protocol.core.actions import apply_in_place
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
@@ -31,6 +32,56 @@ from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Tail, Turns
 from cubepath.protocol.wire.tiles import Tiles
 
 _encode = msgspec.json.Encoder().encode
+
+
+def named(moved: Moved) -> str:
+    """Return the name of a commit in error messages."""
+    return f"commit {moved.serial} of keeper_{moved.keeper} (module_{moved.module})"
+
+
+class Commits:
+    """Which commits of a keeper have come, each with a digest; those in order take 8 bytes each."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.in_order = array("Q")
+        self._ahead: dict[int, int] = {}
+        self.told = 0
+        """How many there are at least."""
+
+    def is_new(self, moved: Moved) -> bool:
+        """Take note of a commit; CheckError if another came under its number."""
+        if moved.serial < 1:
+            raise CheckError(f"{named(moved)}: commits count from 1")
+        digest = int.from_bytes(blake2b(_encode(moved), digest_size=8).digest(), "big")
+        self.told = max(self.told, moved.serial)
+        known: int | None = None
+        if moved.serial <= len(self.in_order):
+            known = self.in_order[moved.serial - 1]
+        else:
+            known = self._ahead.get(moved.serial)
+        if known is not None:
+            if known != digest:
+                raise CheckError(f"{named(moved)} comes twice, and differs")
+            return False
+        self._ahead[moved.serial] = digest
+        while len(self.in_order) + 1 in self._ahead:
+            self.in_order.append(self._ahead.pop(len(self.in_order) + 1))
+        return True
+
+    @property
+    def gap(self) -> bool:
+        """Return whether one is missing that is known to be there."""
+        return self.told > len(self.in_order)
+
+
+class Released(msgspec.Struct, frozen=True, array_like=True):
+    """A move of a run without rounds, with its level."""
+
+    level: int
+    generator: str
+    at: Json
+
 
 _Awaited: TypeAlias = tuple[str, Site]
 """What a commit waits for: a unit, or a module."""

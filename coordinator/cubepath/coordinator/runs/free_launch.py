@@ -19,10 +19,10 @@ from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.coordinator.runs.free_schedule import own_moves
 from cubepath.coordinator.runs.outcome import Noticed
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.coordinator.runs.resuming import is_said, keeper_logs, locked_logs
+from cubepath.coordinator.runs.schedule import own_moves
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.core.output_files import unwritable
 from cubepath.protocol.recordings.recording import Recording

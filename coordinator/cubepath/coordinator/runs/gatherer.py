@@ -3,18 +3,381 @@
 A round is released when every module has reported it, so the result depends on no clock and no
 order of arrival; a report that arrives twice counts once. What no module can have done, given where
 all of them stood, is not gathered.
+
+Whether what modules say and report can be, given where all of them stand.
+
+It knows the state at the beginning of the round and all that was said in it. What a module says is
+plausible if it says so from where it is, the same to every region that it goes to; a claim is of an
+admissible move. A process is through with a phase when its modules have said all that is due. When
+all are, verdicts and reports must follow from the claims and the ranks: so who has lied is told
+from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
+import msgspec
+
+from cubepath.agents.processes.judge import KINDS_IN, RefusedError, refuse
+from cubepath.agents.processes.settling import Settling
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest, Step
-from cubepath.coordinator.runs.plausibility import Plausibility
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.actions import apply_in_place, commute
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Executed, Report
+from cubepath.protocol.wire.messages import (
+    Claim,
+    Executed,
+    Here,
+    Message,
+    Part,
+    Ready,
+    Report,
+    Reports,
+    Said,
+    Verdict,
+    kind_of,
+)
+
+_encode = msgspec.json.Encoder().encode
+
+
+class Plausibility:
+    """The state of a run at the beginning of a round, and what was said and reported in it."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin at the start of the scene."""
+        self.sites: list[Site] = list(scene.start)
+        self._system = scene.system
+        self._state = set(scene.start_state)
+        self._spelled = [_encode(site) for site in scene.start]
+        self._seed = 0
+        self._later_seeds: Sequence[tuple[int, int]] = ()
+        self._modules_of: Sequence[Sequence[int]] = ()
+        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._round = 0
+        self._begin()
+
+    def know(
+        self,
+        modules_of: Sequence[Sequence[int]],
+        seed: int,
+        later_seeds: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        """Know who has which modules, and the seed of the ranks; before anything is checked.
+
+        `later_seeds` are others, each with the first round whose ranks follow it.
+        """
+        self._modules_of = modules_of
+        self._process_of = {
+            module: process for process, modules in enumerate(modules_of) for module in modules
+        }
+        self._seed = seed
+        self._later_seeds = later_seeds
+
+    def _begin(self) -> None:
+        """Begin a round, in which nothing has been said."""
+        self._round += 1
+        self._claims: dict[int, Move] = {}
+        self._verdicts: dict[int, bool] = {}
+        self._reports: dict[int, Report] = {}
+        self._moves: dict[tuple[int, bytes], Move | None] = {}
+        self._near: dict[tuple[int, bool], frozenset[str]] = {}
+        self._settling: Settling | None = None
+        self._begin_phase("join")
+
+    def _begin_phase(self, phase: str) -> None:
+        self._phase = phase
+        self._said: dict[tuple[type[Part], int], Part] = {}
+        self._to: dict[tuple[type[Part], int], set[str]] = {}
+        """By kind and module what was said in this phase, and to which regions."""
+        self._counts: dict[int, Counter[str]] = {}
+        self._through: set[int] = set()
+
+    def check(self, message: Message) -> None:
+        """Check a message of this round, which comes once, and take it; RefusedError if it cannot.
+
+        That a process is `ready` is checked when all that it said in the phase was. What it said
+        must be all that was due, and once all are through, verdicts and reports must agree.
+        """
+        if isinstance(message, Said | Ready) and message.phase != self._phase:
+            self._begin_phase(message.phase)
+        match message:
+            case Said():
+                self._check_said(message)
+                self._take_said(message)
+            case Reports(parts=reports):
+                for report in reports:
+                    self._check_report(report)
+                self._reports |= {report.module: report for report in reports}
+            case Ready(phase="sense" | "claim" | "settle"):
+                self._check_through(message)
+                self._through.add(message.process)
+                if message.phase == "settle" and len(self._through) == len(self._modules_of):
+                    self._check_settled()
+            case _:
+                pass
+
+    # What is said.
+
+    def _check_said(self, said: Said) -> None:
+        if said.process in self._through:
+            refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
+        if not said.parts:
+            refuse("out of place", f"nothing is said to {said.region}")
+        for part in said.parts:
+            known = self._said.get((type(part), part.module))
+            if known is None:
+                self._check_part(part)
+            elif known != part:
+                refuse("contradicts", f"{_to(part, said)}: it was another elsewhere")
+            elif said.region in self._to[type(part), part.module]:
+                refuse("doubled", f"{_to(part, said)} came before")
+            if said.region not in self._regions(part):
+                refuse("out of place", f"{_to(part, said)}: nobody is there to hear it")
+
+    def _check_part(self, part: Part) -> None:
+        """Check what a module says, apart from where it goes."""
+        if self._spelled[part.module] != _encode(part.site):
+            refuse("impossible", self._elsewhere(kind_of(part), part.module, part.site))
+        match part:
+            case Claim(generator=generator, at=at):
+                move = self._move(part.module, GeneratorPlacement(generator, at))
+                if move is None or not move.possible(self._state):
+                    where = f"claim of module_{part.module}: {generator} at {_text(at)}"
+                    refuse("impossible", f"{where} is not admissible")
+            case Verdict():
+                self._check_verdict(part)
+            case _:
+                pass
+
+    def _check_verdict(self, verdict: Verdict) -> None:
+        name = f"verdict of module_{verdict.module}"
+        if verdict.module not in self._claims:
+            refuse("impossible", f"{name}, which claims nothing")
+        due = self._waiting_for(verdict.module)
+        if {_encode(place) for place in verdict.to} != {_encode(place) for place in due}:
+            refuse("impossible", f"{name}: it goes to others than those who wait for it")
+
+    def _take_said(self, said: Said) -> None:
+        self._counts.setdefault(said.process, Counter())[said.region] += 1
+        for part in said.parts:
+            key = type(part), part.module
+            if key in self._said:
+                self._to[key].add(said.region)
+                continue
+            self._said[key] = part
+            self._to[key] = {said.region}
+            match part:
+                case Claim(generator=generator, at=at):
+                    move = self._move(part.module, GeneratorPlacement(generator, at))
+                    if move is not None:
+                        self._claims[part.module] = move
+                case Verdict(granted=granted):
+                    self._verdicts[part.module] = granted
+                case _:
+                    pass
+
+    def _regions(self, part: Part) -> frozenset[str]:
+        """Return the regions that a part goes to."""
+        if isinstance(part, Verdict):
+            return frozenset(self._system.region(site_from_json(place)) for place in part.to)
+        return self._regions_from(part.module, sensed=type(part) is Here)
+
+    def _regions_from(self, module: int, *, sensed: bool) -> frozenset[str]:
+        """Return the regions that a module speaks to in this round."""
+        found = self._near.get((module, sensed))
+        if found is None:
+            found = self._near[module, sensed] = self._regions_of(
+                self._place(module), sensed=sensed
+            )
+        return found
+
+    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
+        system = self._system
+        places = system.listeners(place) if sensed else system.reach(place)
+        return frozenset(system.region(near) for near in places)
+
+    def _place(self, module: int) -> Site:
+        return self._system.place_of(self.sites[module])
+
+    # What is due.
+
+    def _check_through(self, ready: Ready) -> None:
+        process = ready.process
+        said = self._counts.get(process, Counter())
+        if said != Counter(ready.said):  # a count of zero is none
+            refuse("contradicts", f"process_{process} counts other messages than it said")
+        for module in self._modules_of[process]:
+            for kind in KINDS_IN[ready.phase]:
+                part = self._said.get((kind, module))
+                if part is None:
+                    self._check_silent(kind, module)
+                # It went to no other region than those, and to each once.
+                elif len(self._to[kind, module]) < len(self._regions(part)):
+                    missing = min(self._regions(part) - self._to[kind, module])
+                    refuse("contradicts", f"no {kind_of(part)} of module_{module} to {missing}")
+
+    def _check_silent(self, kind: type[Part], module: int) -> None:
+        """Check that nobody waits for what a module does not say."""
+        if kind is Here and self._regions_from(module, sensed=True):
+            refuse("contradicts", f"module_{module} does not say that it is here")
+        if kind is Verdict and module in self._claims and self._waiting_for(module):
+            refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
+
+    def _waiting_for(self, module: int) -> set[Site]:
+        if self._settling is None:
+            self._settling = self._settled()
+        return {self._system.place_of(site) for site in self._settling.waiting[module]}
+
+    def _settled(self) -> Settling:
+        return Settling(
+            self._claims,
+            seed=self._seed,
+            round_number=self._round,
+            later_seeds=self._later_seeds,
+        )
+
+    def _check_settled(self) -> None:
+        sites = dict(enumerate(self.sites))
+        # Anew: moves of those whom nobody hears are known by their reports alone.
+        settling = self._settled()
+        fault = settling.fault(self._verdicts, self._reports, sites)
+        if fault is not None:
+            module, why = fault
+            raise RefusedError("impossible", why, self._process_of[module])
+
+    def _elsewhere(self, kind: str, module: int, site: object) -> str:
+        return f"{kind} of module_{module} from {_text(site)}: it is at {_text(self.sites[module])}"
+
+    def _move(self, module: int, placed: GeneratorPlacement) -> Move | None:
+        """Return the move of a module by its name, None if there is none."""
+        key = module, _encode(placed)
+        if key not in self._moves:
+            try:
+                self._moves[key] = self._found(self.sites[module], placed)
+            except (InputError, TypeError):
+                self._moves[key] = None
+        return self._moves[key]
+
+    def _found(self, site: Site, placed: GeneratorPlacement) -> Move | None:
+        at = site_from_json(placed.at)
+        move = self._system.move_named(site, placed.generator, at)
+        if move is not None:
+            return move
+        action = self._system.action(placed.generator, at)  # it may have other names
+        return next((move for move in self._system.moves_at(site) if move.action == action), None)
+
+    def _check_report(self, report: Report) -> None:
+        module = report.module
+        name = f"report of module_{module}"
+        if self._spelled[module] != _encode(report.before):
+            refuse("impossible", self._elsewhere("report", module, report.before))
+        if (report.move is not None) != (report.claim == "granted"):
+            refuse(
+                "impossible", f"{name}: a claim that is {report.claim}, and a move {report.move}"
+            )
+        if (report.claim == "none") == (module in self._claims) and self._is_heard(module):
+            refuse("impossible", f"{name}: its claim is {report.claim}")
+        if report.move is not None:
+            self._check_move(f"{name}: {report.move.generator} at {_text(report.move.at)}", report)
+        elif _encode(report.site) not in self._taken_to(module):
+            refuse("impossible", f"{name}: it ends at {_text(report.site)}, where nothing takes it")
+
+    def _check_move(self, name: str, report: Report) -> None:
+        module = report.module
+        move = None if report.move is None else self._move(module, report.move)
+        if move is None:
+            refuse("impossible", f"{name} is no move from {_text(self.sites[module])}")
+        if _encode(report.site) != _encode(move.target):
+            refuse("impossible", f"{name} does not end at {_text(report.site)}")
+        if not self._is_heard(module):
+            self._claims[module] = move
+        elif self._claims.get(module) != move:
+            refuse("impossible", f"{name} was not claimed")
+        if not move.possible(self._state):
+            refuse("impossible", f"{name} is not admissible")
+
+    def _taken_to(self, module: int) -> set[bytes]:
+        """Return where a module that made no move may be: it stays, or another takes it along."""
+        return {self._spelled[module]} | {
+            _encode(target)
+            for move in self._claims.values()
+            for source, target in move.motion[1:]
+            if source == self.sites[module]
+        }
+
+    def _is_heard(self, module: int) -> bool:
+        """Return whether a claim of a module goes to any place, and so comes here."""
+        return bool(self._system.reach(self._place(module)))
+
+    # The end of a round.
+
+    def carry_out(self, reports: Mapping[int, Report]) -> None:
+        """End the round: make the moves reported; CheckError names a report that cannot be.
+
+        The claims of modules need not be known.
+        """
+        after = dict(enumerate(self.sites))
+        made: dict[int, Move] = {}
+        for module, report in reports.items():
+            if _encode(report.before) != self._spelled[module]:
+                raise CheckError(self._elsewhere("report", module, report.before))
+            if report.move is None:
+                continue
+            move = self._move(module, report.move)
+            at = _text(report.move.at)
+            where = f"report of module_{module}: {report.move.generator} at {at}"
+            if move is None:
+                raise CheckError(f"{where} is no move from {_text(self.sites[module])}")
+            if not move.possible(self._state):
+                raise CheckError(f"{where} is not admissible")
+            made[module] = move
+        self._make(made, after)
+        self._spelled = [_encode(after[module]) for module in range(len(self.sites))]
+        for module, report in reports.items():
+            if self._spelled[module] != _encode(report.site):
+                raise CheckError(
+                    f"report of module_{module}: it ends at {_text(report.site)}, and the moves"
+                    f" take it to {_text(after[module])}"
+                )
+        self.sites = [after[module] for module in range(len(self.sites))]
+        self._begin()
+
+    def _make(self, moves: Mapping[int, Move], after: dict[int, Site]) -> None:
+        standing = {site: module for module, site in after.items()}
+        over: dict[Site, list[int]] = {}
+        for module, move in moves.items():
+            near = {other for site in move.action.support for other in over.get(site, ())}
+            for other in sorted(near):
+                if not commute(move.action, moves[other].action):
+                    raise CheckError(
+                        f"report of module_{module}: its move does not commute with that of"
+                        f" module_{other}"
+                    )
+            for site in move.action.support:
+                over.setdefault(site, []).append(module)
+            try:
+                apply_in_place(move.action, self._state)
+            except InputError as error:
+                raise CheckError(f"report of module_{module}: {error}") from None
+            for source, target in move.motion:
+                if source in standing:
+                    after[standing[source]] = target
+
+
+def _to(part: Part, said: Said) -> str:
+    return f"{kind_of(part)} of module_{part.module} to {said.region}"
+
+
+def _text(site: object) -> str:
+    """Return a site as messages have it, whoever tells it."""
+    return _encode(site).decode()
 
 
 class Gatherer(Gathered):

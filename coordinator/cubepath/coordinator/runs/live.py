@@ -18,10 +18,14 @@ from typing import Any
 from msgspec.structs import replace
 
 from cubepath.agents.processes.pacer import PATIENCE_S
-from cubepath.agents.rules.asked import own_rule
-from cubepath.agents.rules.recorded import Recorded
-from cubepath.agents.rules.registry import find_rule, rule_named
-from cubepath.agents.rules.rule_files import is_in_file, permitted_rule
+from cubepath.agents.rules.registry import (
+    find_rule,
+    is_in_file,
+    own_rule,
+    permitted_rule,
+    rule_named,
+)
+from cubepath.agents.rules.schedule import Recorded
 from cubepath.coordinator.runs.continuing import parent_parameters
 from cubepath.coordinator.runs.on_record import (
     OnRecord,
@@ -35,9 +39,9 @@ from cubepath.coordinator.runs.running import Running, Say
 from cubepath.coordinator.runs.standing import Watch
 from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Claim, Note, Part, Report, Verdict

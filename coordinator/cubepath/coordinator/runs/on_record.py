@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from cubepath.agents.processes.orders import OUTSIDE
-from cubepath.agents.rules.recorded import RECORDED, RecordedChoice
-from cubepath.agents.rules.schedule import SCHEDULE
+from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoice
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
-from cubepath.coordinator.verification.holes import hole_in
 from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
+from cubepath.coordinator.verification.partial import hole_in
 from cubepath.coordinator.verification.stages import Stage, spans, stages_in
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import process_name

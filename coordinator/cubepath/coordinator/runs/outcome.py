@@ -14,7 +14,7 @@ from cubepath.coordinator.runs.conductor import Ended, Ending
 from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.recordings.recording import Recording, read_recording

@@ -15,10 +15,8 @@ from typing import Any, Literal, TypedDict
 from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
-from cubepath.agents.rules.asked import own_rule, rule_for
-from cubepath.agents.rules.recorded import RECORDED, Recorded
-from cubepath.agents.rules.registry import CLOCKS, rule_named
-from cubepath.agents.rules.schedule import SCHEDULE
+from cubepath.agents.rules.registry import CLOCKS, own_rule, rule_for, rule_named
+from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, Recorded
 from cubepath.coordinator.runs.schedule import (
     Assignment,
     assignment_of,
@@ -26,8 +24,8 @@ from cubepath.coordinator.runs.schedule import (
     with_end,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.given import real_number, whole_number
-from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -19,15 +19,12 @@ from typing import Any, Self, TypeAlias
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Network, Way, straight
-from cubepath.coordinator.runs.about import About
-from cubepath.coordinator.runs.asking import Answers, Status
+from cubepath.coordinator.runs.asking import About, Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_launch import FreeRun
-from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.lockstep_launch import LockstepRun
-from cubepath.coordinator.runs.older_logs import check_logs
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import (
     Branch,
@@ -38,10 +35,10 @@ from cubepath.coordinator.runs.plan import (
     parameters_of,
 )
 from cubepath.coordinator.runs.plan import task_of as checked
-from cubepath.coordinator.runs.resuming import keeper_logs, locked_logs, resumed
+from cubepath.coordinator.runs.resuming import check_logs, keeper_logs, locked_logs, resumed
 from cubepath.coordinator.runs.standing import Driver, Standing, Watch
 from cubepath.coordinator.runs.tap import Overheard, Tap
-from cubepath.coordinator.runs.turns import Turns
+from cubepath.coordinator.runs.turns import Interrupted, Turns, interrupts
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import function, seconds, whole_number
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl

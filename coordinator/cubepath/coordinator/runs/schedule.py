@@ -5,6 +5,11 @@ the traces of the moves alone. This determines which module makes each move, and
 given its own part. The module itself finds out whether a move is admissible when its round comes,
 or an obstacle is in its way. During the run the coordinator reads the reports, and begins no
 further round once a module has given up.
+
+A schedule for modules without rounds: at which versions each move finds its units.
+
+The cubes are followed from the start by counting, so each module is told with its own moves how
+often their units have been written and read before.
 """
 
 from __future__ import annotations
@@ -14,20 +19,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cubepath.agents.free.mover import OwnMove
+from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.input_files import InputFile, check_not_empty, opened
-from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text, to_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.wire.messages import Stopped
+from cubepath.protocol.wire.tiles import Tiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,3 +255,36 @@ def told(stopped: Stopped) -> str:
     """Return one line on where a schedule stopped, and why."""
     who = "" if stopped.module is None else f"module_{stopped.module}: "
     return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"
+
+
+def own_moves(scene: Scene, assignment: Assignment) -> dict[int, list[OwnMove]]:
+    """Return the moves of each module in their order, each with what it must find."""
+    system, tiles = scene.system, Tiles(scene.system, 1)
+    owners = {
+        (number, placed.generator, site_from_json(placed.at)): module
+        for module, moves in assignment.own.items()
+        for number, placed in moves.items()
+    }
+    versions: dict[Site, tuple[int, int]] = {}
+    found: dict[int, list[OwnMove]] = {}
+    for number, cube in enumerate(assignment.cubes, 1):
+        for placed in cube:
+            at = site_from_json(placed.at)
+            module = owners.get((number, placed.generator, at))
+            if module is None:
+                continue  # no module can make it: the schedule stops there
+            move = system.moves_of(system.action(placed.generator, at))[0]
+            reads, writes = support_units(system, tiles, move)
+            after: list[tuple[Json, int, int | None]] = [
+                (to_json(unit), *versions.get(unit, (0, 0))) for unit in in_order(writes)
+            ]
+            after += [
+                (to_json(unit), versions.get(unit, (0, 0))[0], None) for unit in in_order(reads)
+            ]
+            found.setdefault(module, []).append(OwnMove(placed, after))
+            for unit in reads:
+                version, times = versions.get(unit, (0, 0))
+                versions[unit] = version, times + 1
+            for unit in writes:
+                versions[unit] = versions.get(unit, (0, 0))[0] + 1, 0
+    return found

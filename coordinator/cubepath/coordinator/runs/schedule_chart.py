@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import Colour
+from cubepath.agents.rendering.pen import INK, LIGHT, PAPER, Colour, Theme
 from cubepath.agents.rendering.pictures import colours
-from cubepath.agents.rendering.themes import INK, LIGHT, PAPER, Theme
-from cubepath.coordinator.runs.snapshots import Snapshot
+from cubepath.coordinator.runs.states import Snapshot
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw
 
+from cubepath.agents.rendering.pen import DARK, GOAL, INK, LIGHT, PAPER, Theme
 from cubepath.agents.rendering.pictures import draw_on, extent
-from cubepath.agents.rendering.themes import DARK, GOAL, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.runs.drawing import cancelled_moves
 from cubepath.coordinator.runs.films import (
@@ -24,9 +24,9 @@ from cubepath.coordinator.runs.films import (
     write_film,
 )
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
-from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
+from cubepath.coordinator.runs.states import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_type_hints
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 

@@ -19,14 +19,14 @@ from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, 
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.coordinator.verification.certificate import check_numbered
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.durations import Durations, time_text
 from cubepath.protocol.path_files.moves import CubeName, PathMove, known_of_named
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.timetables import TimedLine
+from cubepath.protocol.path_files.schedules import TimedLine
 
 
 def certified_path(found: Shortened) -> Certificate:

@@ -17,9 +17,9 @@ from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, car
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, check_not_empty, opened
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.following import is_following

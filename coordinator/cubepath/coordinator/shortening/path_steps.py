@@ -22,10 +22,9 @@ from cubepath.coordinator.shortening.normal_path import shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
 from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.core.actions import Action, apply_in_place
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.certificates import Certificate, read_certificate

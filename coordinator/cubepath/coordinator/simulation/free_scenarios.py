@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from random import Random
 
-from cubepath.agents.rules.asked import fitting_rules
-from cubepath.agents.rules.registry import BUILT_IN, rule_named
+from cubepath.agents.rules.registry import BUILT_IN, fitting_rules, rule_named
 from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,

@@ -3,6 +3,10 @@
 A run has faults first. When they are over it must go on: to its goal, or for some more moves. Then
 no more attempts are let through, and everything must come to rest, with all that modules sense as
 it is.
+
+The coordinator of a simulated run without rounds, as a node: it gathers, and decides nothing.
+
+It asks keepers for what they have committed again and again, as that of a run over zenoh does.
 """
 
 from __future__ import annotations
@@ -16,18 +20,15 @@ from pathlib import Path
 from typing import Literal
 
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.free.mover import FreeOrders
 from cubepath.agents.keepers.journal import Journal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
-from cubepath.coordinator.simulation.faults import SECOND_US, Fault, Faults
-from cubepath.coordinator.simulation.free_faults import STARTS, Ending
+from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Ending, Fault, Faults
 from cubepath.coordinator.simulation.free_journals import SimulatedFile, SimulatedJournal
-from cubepath.coordinator.simulation.free_oracle import Oracle
+from cubepath.coordinator.simulation.free_oracle import Broken, Oracle
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
-from cubepath.coordinator.simulation.free_state import Broken
-from cubepath.coordinator.simulation.free_watch import Watch
 from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
 from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
 from cubepath.coordinator.simulation.trace import Trace
@@ -39,14 +40,54 @@ from cubepath.protocol.wire.free_messages import (
     Asks,
     Attempt,
     Enter,
+    Fetch,
     Hold,
     Look,
     Moved,
+    Tail,
     decode_free,
+    free_key,
 )
 from cubepath.protocol.wire.messages import encode
-from cubepath.protocol.wire.nodes import Effect, Node, Put
+from cubepath.protocol.wire.nodes import Effect, Listen, Node, Put, Timer
 from cubepath.protocol.wire.tiles import Tiles
+
+FETCH_S = 0.5
+
+
+class Watch:
+    """Fetches the commits of all keepers."""
+
+    def __init__(self, run: str, keepers: int) -> None:
+        """Begin without any."""
+        self.tails: dict[int, Tail] = {}
+        """By keeper its last answer that has all of its commits."""
+        self._run = run
+        self._known = dict.fromkeys(range(keepers), 0)
+        self.ticks = 0
+
+    def start(self) -> list[Effect]:
+        """Listen to the keepers."""
+        return [Listen((f"cubepath/{self._run}/tail/**",)), Timer(FETCH_S)]
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take what keepers have committed."""
+        tail = decode_free(data)
+        if isinstance(tail, Tail) and key == free_key(self._run, tail):
+            known = self._known[tail.keeper]
+            if tail.parts and tail.parts[0].serial <= known + 1:
+                known = self._known[tail.keeper] = max(known, tail.parts[-1].serial)
+            if tail.serial == known:
+                self.tails[tail.keeper] = tail
+        return []
+
+    def tick(self) -> list[Effect]:
+        """Fetch what is new."""
+        self.ticks += 1
+        fetches = [Fetch(keeper, serial) for keeper, serial in self._known.items()]
+        puts = [Put(free_key(self._run, fetch), encode(fetch)) for fetch in fetches]
+        return [*puts, Timer(FETCH_S)]
+
 
 MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
 """Makes a keeper; tests give some with a bug in them."""

@@ -15,7 +15,7 @@ from typing import TypeAlias, TypeVar
 from msgspec.structs import replace
 
 from cubepath.coordinator.simulation.faults import SAYS, Fault, Faults
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.keys import key_of

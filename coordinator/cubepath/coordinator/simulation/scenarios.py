@@ -12,8 +12,7 @@ from math import ceil, sqrt
 from random import Random
 from typing import Literal
 
-from cubepath.agents.rules.asked import fitting_rules, rule_for
-from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.agents.rules.registry import fitting_rules, rule_for, rule_named, rules
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import all_families

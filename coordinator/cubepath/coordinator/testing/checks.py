@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 
 
 def check_name(what: str, name: object, known: Iterable[str]) -> str:

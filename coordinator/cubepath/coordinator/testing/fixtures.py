@@ -16,7 +16,6 @@ from cubepath.coordinator.runs.live import LiveReplay
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
 from cubepath.coordinator.testing.checks import check_name
-from cubepath.coordinator.testing.joiners import CommandLine
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.replaying import (
     Listener,
@@ -25,7 +24,7 @@ from cubepath.coordinator.testing.replaying import (
     replay_into,
     replay_into_node,
 )
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.rig import CommandLine, Rig
 from cubepath.coordinator.testing.seen import Seen
 from cubepath.coordinator.testing.trials import Tried, trial_of
 from cubepath.protocol.wire.nodes import Effect, Node

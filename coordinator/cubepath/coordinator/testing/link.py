@@ -4,24 +4,34 @@ At its far end is a session that is a router, at a socket of its own, where the 
 its near end a client of the router of the run, with the credentials of the process. Messages,
 liveliness tokens and queries pass in both directions, each in its order, through the rules of the
 link. Neither the process nor the router knows of it.
+
+One direction of a link: messages in their order, through rules, from one session to another.
+
+Zenoh's callbacks only enqueue; a thread does the work.
 """
 
 from __future__ import annotations
 
 import contextlib
+import heapq
 import threading
-from collections.abc import Callable, Iterable
-from typing import Any, Self
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import count
+from queue import Empty, SimpleQueue
+from typing import Any, Literal, Self, TypeAlias, cast
 
 import zenoh
 
-from cubepath.coordinator.testing.lane import WAITING_MAX, Lane
-from cubepath.coordinator.testing.rules import Direction, Rule
+from cubepath.coordinator.testing.rules import Direction, Fate, Rule, fate_of
+from cubepath.coordinator.testing.seen import Seen
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
-from cubepath.protocol.wire.sessions import open_client, open_router
+from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 from cubepath.protocol.wire.sockets import (
     PASSWORDS,
     clear,
@@ -29,6 +39,226 @@ from cubepath.protocol.wire.sockets import (
     is_private,
     new_endpoint,
 )
+
+WAITING_MAX = 1 << 16
+"""So many messages wait in a direction at most."""
+_BEHIND_S_MAX = 1.0
+"""A message that others are to overtake waits for them no longer."""
+_PUBLISHERS_MAX = 512
+_END_S_MAX = 10.0
+
+Cut: TypeAlias = Literal["", "lost", "kept"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Put:
+    """A message on its way."""
+
+    key: str
+    sample: zenoh.Sample
+
+    @property
+    def data(self) -> bytes:
+        return self.sample.payload.to_bytes()
+
+
+@dataclass(frozen=True, slots=True)
+class _Do:
+    """A token, a question or an answer on its way; nothing but a cut link holds it back."""
+
+    act: Callable[[], None]
+
+
+_Item: TypeAlias = _Put | _Do
+
+
+class Lane:
+    """One direction of a link: what comes in at one end is put at the other, in its order."""
+
+    def __init__(self, direction: Direction, process: str, out: zenoh.Session) -> None:
+        """Carry to the session `out`; `process` is the name at the far end."""
+        self.direction: Direction = direction
+        self.rules: list[Rule] = []
+        self.passed = 0
+        """How many messages were put at the other end, each copy counted."""
+        self.overflowed = 0
+        """How many were lost because too many waited."""
+        self.error: BaseException | None = None
+        """What a rule raised first."""
+        self.broken: Exception | None = None
+        """What carrying something raised first."""
+        self.cut: Cut = ""
+        self._receiver = process if direction == "down" else ""
+        self._out = out
+        self._queue: SimpleQueue[_Item | None] = SimpleQueue()
+        self._line: deque[tuple[float, _Item]] = deque()
+        self._late: list[tuple[float, int, _Item]] = []
+        self._behind: list[tuple[int, float, _Item]] = []
+        self._held: dict[int, tuple[Rule, deque[_Item]]] = {}
+        self._waits: deque[_Item] = deque()
+        self._number = count()
+        self._inside = 0
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._closed = False
+        self._thread = threading.Thread(
+            target=self._work, name=f"link {process} {direction}", daemon=True
+        )
+        self._thread.start()
+
+    def take(self, sample: zenoh.Sample) -> None:
+        """Take a message; a callback of zenoh."""
+        if self._queue.qsize() + self._inside >= WAITING_MAX:
+            self.overflowed += 1
+            return
+        self._queue.put(_Put(str(sample.key_expr), sample))
+
+    def do(self, act: Callable[[], None]) -> None:
+        """Take something that is no message."""
+        self._queue.put(_Do(act))
+
+    def listens(self, key: str) -> bool:
+        """Return whether anyone at the other end listens to any key of an expression."""
+        with publisher(self._out, key) as asked:
+            return bool(cast("Any", asked.matching_status).matching)
+
+    def wake(self) -> None:
+        """Look again at what waits."""
+        self._queue.put(_Do(lambda: None))
+
+    def close(self) -> None:
+        """Carry nothing any more."""
+        self._closed = True
+        self.wake()
+        self._queue.put(None)
+        self._thread.join(_END_S_MAX)
+        for declared in self._publishers.values():
+            with contextlib.suppress(zenoh.ZError):
+                declared.undeclare()
+        self._publishers.clear()
+
+    def _work(self) -> None:
+        while not self._closed:
+            with contextlib.suppress(Empty):
+                item = self._queue.get(timeout=self._wait_s())
+                if item is None:
+                    return
+                self._sort(item)
+                item = None  # a question is over when nobody holds it
+            self._carry_what_is_due()
+            held = sum(len(each) for _, each in self._held.values())
+            self._inside = held + len(self._line) + len(self._late) + len(self._behind)
+
+    def _wait_s(self) -> float | None:
+        """Return for how long nothing is due; None if nothing is before something comes."""
+        if self.cut == "kept":
+            return None  # whoever heals it, wakes it
+        due = [until for _, until, _ in self._behind]
+        due += [each[0][0] for each in (self._line, self._late) if each]
+        due += [rule.until for rule, _ in self._held.values() if rule.until is not None]
+        return max(0.0, min(due) - time.monotonic()) if due else None
+
+    def _sort(self, item: _Item) -> None:
+        """Let the rules decide on what has come, and put it where it waits for its time."""
+        now = time.monotonic()
+        if isinstance(item, _Put):
+            self._behind = [(left - 1, until, each) for left, until, each in self._behind]
+        fate = self._fate(item) if self.rules and isinstance(item, _Put) else None
+        if fate is None:
+            self._line.append((now, item))
+            return
+        if fate.dropped:
+            return
+        if fate.holder is not None:
+            held = self._held.setdefault(id(fate.holder), (fate.holder, deque()))
+            held[1].append(item)
+        elif fate.behind:
+            self._behind.append((fate.behind, now + _BEHIND_S_MAX, item))
+        elif fate.late_s and fate.overtaken:
+            self._later(now + fate.late_s, item)
+        else:
+            self._line.append((now + fate.late_s, item))
+        for late_s in fate.copies:
+            if late_s:
+                self._later(now + late_s, item)
+            else:
+                self._line.append((now, item))
+
+    def _later(self, due: float, item: _Item) -> None:
+        heapq.heappush(self._late, (due, next(self._number), item))
+
+    def _fate(self, item: _Put) -> Fate | None:
+        try:
+            if self._receiver and not self._is_heard(item.key):
+                return None  # the process does not listen to it
+            seen = Seen(item.key, item.data, time.monotonic())
+            return fate_of(self.rules, seen, self._receiver)
+        except BaseException as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
+            self.error = self.error or error
+            return None
+
+    def _carry_what_is_due(self) -> None:
+        if self.cut == "kept":
+            return
+        for item in self._due(time.monotonic()):
+            self._carry(item)
+
+    def _due(self, now: float) -> Iterator[_Item]:
+        """Yield what is to be put now, in order, and forget it."""
+        while self._waits and not self.cut:
+            yield self._waits.popleft()
+        for key, (rule, held) in list(self._held.items()):
+            if rule.until is not None and rule.until <= now:
+                rule.stop()
+            if not rule.on:
+                del self._held[key]
+                yield from held
+        while self._line and self._line[0][0] <= now:
+            yield self._line.popleft()[1]
+        while self._late and self._late[0][0] <= now:
+            yield heapq.heappop(self._late)[2]
+        behind, self._behind = self._behind, []
+        for each in behind:
+            if each[0] > 0 and each[1] > now:
+                self._behind.append(each)
+            else:
+                yield each[2]
+
+    def _carry(self, item: _Item) -> None:
+        if self.cut == "lost":
+            if isinstance(item, _Do):
+                self._waits.append(item)
+            return
+        try:
+            self._put(item)
+        except zenoh.ZError:
+            pass  # the router may be gone, as for the process itself
+        except Exception as error:  # noqa: BLE001 - told by `check`; the others are to be carried
+            self.broken = self.broken or error
+
+    def _put(self, item: _Item) -> None:
+        if isinstance(item, _Do):
+            item.act()
+            return
+        sample = item.sample
+        found = self._publisher(item.key)
+        found.put(sample.payload, encoding=sample.encoding, attachment=sample.attachment)
+        self.passed += 1
+
+    def _publisher(self, key: str) -> zenoh.Publisher:
+        """Return the publisher of a key."""
+        found = self._publishers.pop(key, None)
+        if found is None:
+            if len(self._publishers) >= _PUBLISHERS_MAX:
+                self._publishers.pop(next(iter(self._publishers))).undeclare()
+            found = publisher(self._out, key)
+        self._publishers[key] = found
+        return found
+
+    def _is_heard(self, key: str) -> bool:
+        """Return whether anyone at the other end listens to a key."""
+        # An object, which is always true; zenoh's stub declares a bool.
+        return bool(cast("Any", self._publisher(key).matching_status).matching)
+
 
 ALL = "**"
 _ASK_S_MAX = 60.0

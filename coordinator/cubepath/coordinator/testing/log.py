@@ -19,12 +19,11 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import RESULTS, Seen
-from cubepath.coordinator.testing.tables import short, table
-from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.testing.seen import RESULTS, Seen, short, table
+from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from cubepath.coordinator.playback.comparing import Replayed
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command, check_command

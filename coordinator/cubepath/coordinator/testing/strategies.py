@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cubepath.coordinator.simulation.faults import ENDING, KINDS, Fault
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS
+from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS, Fault
 from cubepath.coordinator.simulation.scenarios import built
 from cubepath.coordinator.testing.trials import Clock, Trial, places, trial_of
 from cubepath.protocol.core.errors import InputError

@@ -12,16 +12,23 @@ from pathlib import Path
 from typing import Literal, NoReturn, TypeAlias
 
 from cubepath.coordinator.runs.plan import Plan, task_of
-from cubepath.coordinator.simulation.faults import KINDS, ON_HOPS, ROUTER, SECOND_US, Fault, Listed
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
+from cubepath.coordinator.simulation.faults import (
+    FREE_KINDS,
+    KINDS,
+    ON_HOPS,
+    ROUTER,
+    SECOND_US,
+    STARTS,
+    Fault,
+    Listed,
+)
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import Log
-from cubepath.coordinator.testing.seen import RESULTS
-from cubepath.coordinator.testing.tables import short, table
+from cubepath.coordinator.testing.seen import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter

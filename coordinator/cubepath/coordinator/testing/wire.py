@@ -15,7 +15,7 @@ from cubepath.coordinator.testing.log import What, pattern_of
 from cubepath.coordinator.testing.rules import Action, Pattern, Rule
 from cubepath.coordinator.testing.seen import Seen
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.sockets import is_private
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.rollout import play_in_python
-from cubepath.agents.rules.asked import own_rule
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.registry import own_rule, rule_named
 from cubepath.coordinator.experiments.facts import Change
 from cubepath.coordinator.experiments.setting import scene_hash
 from cubepath.coordinator.theory.search.anytime import improve

@@ -18,8 +18,8 @@ from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.certificates import Certificate

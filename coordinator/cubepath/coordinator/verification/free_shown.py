@@ -19,7 +19,7 @@ from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.free_units import NO_SITE, unit_in
 from cubepath.coordinator.verification.number_table import NumberTable
 from cubepath.coordinator.verification.transcript import Fail, site_in
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows, Tail, Tells

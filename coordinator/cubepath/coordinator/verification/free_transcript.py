@@ -21,10 +21,9 @@ from cubepath.coordinator.verification.free_asked import (
     TurnNumbers,
     attempt_name,
 )
-from cubepath.coordinator.verification.free_commits import PackedCommits
 from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_units import NO_SITE
-from cubepath.coordinator.verification.number_table import Name, NumberTable
+from cubepath.coordinator.verification.number_table import Name, NumberTable, PackedCommits
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
 from cubepath.coordinator.verification.transcript import (
     Fail,

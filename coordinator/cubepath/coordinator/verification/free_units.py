@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping
 
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Moved

@@ -20,11 +20,17 @@ from cubepath.coordinator.verification.ending import Course
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
-from cubepath.coordinator.verification.holes import blocks_before, hole_in, verify_with_hole
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
-from cubepath.coordinator.verification.partial import verify_partial, whole_rounds, why_partial
+from cubepath.coordinator.verification.partial import (
+    blocks_before,
+    hole_in,
+    verify_partial,
+    verify_with_hole,
+    whole_rounds,
+    why_partial,
+)
 from cubepath.coordinator.verification.results import (
     check_cubes,
     check_summary,

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cubepath.coordinator.verification.transcript import Carried, Fail, Made, Transcript, site_in
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cuts import is_beginning

@@ -12,8 +12,8 @@ from typing import NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.cuts import whole_of

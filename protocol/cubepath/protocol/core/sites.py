@@ -2,13 +2,15 @@
 
 A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
 ``(x, y, axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
+
+Numbers for things in order of first use: how sites become integers and bits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from itertools import chain
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
 
@@ -103,3 +105,22 @@ def _order(site: Site) -> tuple[object, ...]:
     if isinstance(site, str):
         return (1, site)
     return (0, site)
+
+
+Thing = TypeVar("Thing", bound=Hashable)
+
+
+class Ordinals(dict[Thing, int]):
+    """The numbers of things, from 0 in the order in which they are first looked up.
+
+    Equal things share a number. `get` and `in` assign no numbers.
+
+    >>> numbers = Ordinals[str]()
+    >>> numbers["b"], numbers["a"], numbers["b"], list(numbers), "c" in numbers
+    (0, 1, 0, ['b', 'a'], False)
+    """
+
+    def __missing__(self, thing: Thing) -> int:
+        """Assign the next number to a thing."""
+        number = self[thing] = len(self)
+        return number

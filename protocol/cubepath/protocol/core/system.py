@@ -7,6 +7,8 @@ so a rule that is given a system gets only the static map.
 The class of a system answers every question about it: how it is written and read, how its sites are
 drawn, where modules can go, what is known of its paths. Code that asks for a class or a name
 instead would work only with the systems of today, so there is none.
+
+The graph that vehicles move on: vertices, edges and neighbours.
 """
 
 from __future__ import annotations
@@ -22,7 +24,29 @@ from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Catalogue, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class VehicleGraph:
+    """A graph on which each move takes one vehicle along one edge, between two vertices.
+
+    A system with such a graph promises that its places are the vertices, that the support of a move
+    is both ends of its edge (with every label), and that the move is named ``edge`` and placed at
+    the two ends in canonical order, followed by the label if vehicles have labels.
+
+    `vertices` are in canonical order, `index` has the number of each, `near` its neighbours in
+    canonical order, and `edges` each edge once, in canonical order.
+
+    >>> graph = scene_from_spec("agv:graph=grid3x2,n=2").system.graph
+    >>> graph.near[0, 0], len(graph.edges)
+    (((0, 1), (1, 0)), 7)
+    """
+
+    vertices: tuple[Site, ...]
+    index: Mapping[Site, int]
+    near: Mapping[Site, tuple[Site, ...]]
+    edges: tuple[tuple[Site, Site], ...]
+
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
 """What a sensed place shows: free, a module, an occupied obstacle, or no place for a module."""

@@ -13,7 +13,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
-from cubepath.protocol.core.json_keys import check_keys
+from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.path_files.jsonl import line_schema, write_lines
 
 FORMAT = "cubepath-certificate-1"

@@ -15,13 +15,12 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TypeAlias, cast
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
-from cubepath.protocol.core.json_keys import check_keys
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.parsing import check_keys, parsed_toml
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.core.suggestions import did_you_mean
-from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.path_files.moves import MoveName
 
 FORMAT = "cubepath-durations-1"

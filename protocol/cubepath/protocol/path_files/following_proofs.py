@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.path_files.optimality_proofs import Standing
-from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
+from cubepath.protocol.path_files.optimality_proofs import BlockReader, BlockWriter, Standing
 
 FIRST_LINE = b"cubepath following proof 1\n"
 _Number = Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)]

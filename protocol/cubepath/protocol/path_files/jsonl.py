@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from cubepath.protocol.core.catalogue import schema_with_definitions
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.json_keys import check_keys
-from cubepath.protocol.core.names import schema_with_definitions
 from cubepath.protocol.core.output_files import written_whole
+from cubepath.protocol.core.parsing import check_keys
 
 _Line = TypeVar("_Line")
 _encode = msgspec.json.Encoder().encode

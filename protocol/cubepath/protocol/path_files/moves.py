@@ -18,9 +18,9 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
-from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
-from cubepath.protocol.core.json_keys import check_keys
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgspec
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.path_files.action_tables import table_of
+from cubepath.protocol.path_files.npz import table_of
 from cubepath.protocol.path_files.numbered import PORTION, NumberedPath
 
 _encode = msgspec.json.Encoder().encode

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action, action_of_parts
-from cubepath.protocol.core.ordinals import Ordinals
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Ordinals, Site, in_order
 
 Numbers = NDArray[np.int32]
 Bytes = NDArray[np.int8]

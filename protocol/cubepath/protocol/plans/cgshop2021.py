@@ -28,8 +28,16 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only, text
-from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
+from cubepath.protocol.plans.imported import (
+    Cell,
+    Imported,
+    Request,
+    VehiclePlan,
+    decode_file,
+    no_system,
+    only,
+    text,
+)
 from cubepath.protocol.plans.vehicles import (
     Vehicles,
     fits,

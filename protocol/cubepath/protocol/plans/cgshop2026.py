@@ -27,8 +27,8 @@ from typing import Any
 
 import msgspec
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
-from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.parsing import Keys, all_values, given_values
 from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
 from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
 from cubepath.protocol.plans.imported import Imported, Request

@@ -50,8 +50,15 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, text
-from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
+from cubepath.protocol.plans.imported import (
+    Cell,
+    Imported,
+    Request,
+    VehiclePlan,
+    decode_file,
+    no_system,
+    text,
+)
 from cubepath.protocol.plans.vehicles import (
     Vehicles,
     fits,

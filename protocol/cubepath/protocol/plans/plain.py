@@ -23,9 +23,8 @@ from dataclasses import dataclass
 import msgspec
 
 from cubepath.protocol.core.actions import apply_in_place, why_inadmissible
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System, local_only
 from cubepath.protocol.path_files.moves import PathMove

@@ -18,13 +18,12 @@ from typing import cast
 import msgspec
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Imported, text
-from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
+from cubepath.protocol.plans.imported import Cell, Imported, VehiclePlan, text
 from cubepath.protocol.plans.vehicles import (
     Turned,
     Vehicles,

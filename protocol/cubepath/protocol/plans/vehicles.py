@@ -15,13 +15,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import text
-from cubepath.protocol.plans.vehicle_plan import Cell, VehicleMove
+from cubepath.protocol.plans.imported import Cell, VehicleMove, text
 from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
 

@@ -36,7 +36,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from cubepath.protocol.recordings.framing import MAGIC
+from cubepath.protocol.recordings.mcap_file import MAGIC
 
 _COMPRESSION = b"zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")

@@ -11,8 +11,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from cubepath.protocol.recordings.ending import kind_in
-from cubepath.protocol.recordings.framing import checksum
+from cubepath.protocol.recordings.mcap_file import checksum, kind_in
 from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.wire.on_record import SHOWN
 

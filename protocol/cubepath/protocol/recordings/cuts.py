@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.framing import checksum
+from cubepath.protocol.recordings.mcap_file import checksum
 from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.scenes.toml import scene_from_toml
 

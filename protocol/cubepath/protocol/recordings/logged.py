@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.recordings.counts import BATCHES
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,

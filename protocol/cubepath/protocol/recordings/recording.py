@@ -8,6 +8,8 @@ scene is the attachment `scene.toml`, and an executed schedule is `schedule.json
 CRCs and are written when they are full, when half a second has passed, and when the caller says so,
 which a run does after each round: so a killed process loses less than a second, and no finished
 round.
+
+The messages of a recording, whole rounds at a time.
 """
 
 from __future__ import annotations
@@ -32,20 +34,20 @@ from cubepath.protocol.recordings.description import (
     scene_in,
     wall_times_in,
 )
-from cubepath.protocol.recordings.framing import MAGIC
 from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
+from cubepath.protocol.recordings.mcap_file import MAGIC, Stored
 from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
 from cubepath.protocol.recordings.salvaging import (
     Salvage,
     outline,
     salvage,
 )
-from cubepath.protocol.recordings.stored import Stored
 from cubepath.protocol.recordings.stored_records import StoredRecords
 from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 _UNSTORED = 1000
 """Messages in a chunk of a recording that is in no file."""
@@ -317,3 +319,22 @@ def read_undamaged(source: Recording | Source) -> Recording:
             f" 'cubepath verify {path} --recover OUT' writes what can be read"
         )
     return recording
+
+
+def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
+    """Yield the messages of some rounds at a time, in the order of rounds, each round whole.
+
+    They come while the file is read, so that memory does not grow with it. Of a run without rounds
+    all messages come at once: a commit of any level may be told again at the very end.
+    """
+    if recording.clock == "free":
+        yield recording.records
+        return
+    pending: list[Record] = []
+    for records, least in recording.blocks():
+        pending += records
+        ready = [record for record in pending if record.round < least]
+        if ready:
+            pending = [record for record in pending if record.round >= least]
+            yield ready
+    yield pending

@@ -22,7 +22,7 @@ from cubepath.protocol.recordings.description import (
     scene_in,
     without_format,
 )
-from cubepath.protocol.recordings.framing import checksum
+from cubepath.protocol.recordings.mcap_file import checksum
 from cubepath.protocol.recordings.recording import Found, Recording, read
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import FREE_KINDS

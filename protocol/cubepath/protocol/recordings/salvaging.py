@@ -26,18 +26,23 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.ending import Block, End, Sets, end_of, kind_in, shared
-from cubepath.protocol.recordings.framing import (
+from cubepath.protocol.recordings.mcap_file import (
     CRC,
     HEAD,
     MAGIC,
+    Block,
+    End,
+    Sets,
+    Stored,
     checksum,
+    end_of,
     expect_crc,
     fits,
     found_after,
+    kind_in,
     plausible,
+    shared,
 )
-from cubepath.protocol.recordings.stored import Stored
 
 _CHUNK_BYTES_MAX = 1 << 30
 _MESSAGE = struct.Struct("<HIQQ")

@@ -13,11 +13,10 @@ from math import inf
 from typing import overload
 
 from cubepath.protocol.recordings.counts import Counts
-from cubepath.protocol.recordings.ending import Block
 from cubepath.protocol.recordings.logged import round_in
+from cubepath.protocol.recordings.mcap_file import Block, Stored
 from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
 from cubepath.protocol.recordings.salvaging import Message, Salvage, messages_in
-from cubepath.protocol.recordings.stored import Stored
 from cubepath.protocol.wire.on_record import topic_said
 
 

@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.recordings.logged import LoggedMessage, Written, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
 from cubepath.protocol.wire.messages import Claim, Report, Verdict

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.keyed_values import Keys
+from cubepath.protocol.core.parsing import Keys
 from cubepath.protocol.core.system import Scene, System
 
 Values = Mapping[str, str]

@@ -13,7 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, cast
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.families.own import FAMILIES
 from cubepath.protocol.scenes.family import Family

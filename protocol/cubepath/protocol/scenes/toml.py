@@ -15,9 +15,9 @@ import tomli_w
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
+from cubepath.protocol.core.parsing import parsed_toml
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"

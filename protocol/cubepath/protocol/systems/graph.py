@@ -20,8 +20,16 @@ from cubepath.protocol.core.sites import (
     sites_from_json,
     to_json,
 )
-from cubepath.protocol.core.system import FAR, FIRST_LABEL, KEPT, MODULE, System, Ways, region_of
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import (
+    FAR,
+    FIRST_LABEL,
+    KEPT,
+    MODULE,
+    System,
+    VehicleGraph,
+    Ways,
+    region_of,
+)
 
 COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 

@@ -18,7 +18,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened, read_text
-from cubepath.protocol.core.json_keys import check_keys
+from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site
 
 Edge = tuple[Site, Site]

@@ -19,7 +19,7 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,

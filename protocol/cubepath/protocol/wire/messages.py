@@ -17,8 +17,8 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.path_files.certificates import Certificate
 
 MESSAGE_BYTES_MAX = 1 << 24

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+from cubepath.protocol.core.catalogue import schema_with_definitions
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import schema_with_definitions
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
     Asks,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.theory.complexes.connected_components import classes, components
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.theory.complexes.surfaces import classes, components
 from spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
 
 

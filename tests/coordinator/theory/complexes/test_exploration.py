@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import complexes
-from cubepath.coordinator.theory.complexes import exploration, matching
+from cubepath.coordinator.theory.complexes import exploration, state_masks
 from cubepath.coordinator.theory.complexes.collapses import collapse
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import Explored, explore
@@ -215,7 +215,9 @@ def test_equal_hashes_decide_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for few in (1, 3):
         # Of exclusive ors of few keys there are few.
         keys = np.arange(5000, dtype=np.uint64) % np.uint64(few)
-        monkeypatch.setattr(matching, "keys_of_bits", lambda count, keys=keys: keys[:count].copy())
+        monkeypatch.setattr(
+            state_masks, "keys_of_bits", lambda count, keys=keys: keys[:count].copy()
+        )
         found = explore(scene_from_spec("hex:n=3,base=1"))
         for name in ("states", "starts", "actions", "targets"):
             assert np.array_equal(getattr(found, name), getattr(expected, name))

@@ -7,8 +7,7 @@ from collections import Counter
 import pytest
 from hypothesis import given
 
-from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.incidence import cofaces, incidence
+from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, cofaces, incidence
 from spaces import quotients
 
 

@@ -6,8 +6,12 @@ import pytest
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.exploration import explore
-from cubepath.coordinator.theory.complexes.links import check_links
-from cubepath.coordinator.theory.complexes.local_link import actions_at, spans_cube, unfilled
+from cubepath.coordinator.theory.complexes.links import (
+    actions_at,
+    check_links,
+    spans_cube,
+    unfilled,
+)
 from cubepath.coordinator.theory.complexes.state_complexes import StateComplex, state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 

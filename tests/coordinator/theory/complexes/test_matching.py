@@ -9,15 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.theory.complexes.matching import (
+from cubepath.coordinator.theory.complexes.state_masks import (
+    Bits,
     admissible_at,
     hash_of,
     modules_of,
     placing,
     proposals_of,
+    row_of,
     turn,
 )
-from cubepath.coordinator.theory.complexes.state_masks import Bits, row_of
 from cubepath.protocol.core.actions import apply, end_at
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -10,11 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from cubepath.coordinator.theory.complexes.chains import Boundary, boundary_of
-from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.incidence import Rows, cofaces
-from cubepath.coordinator.theory.complexes.morse_matching import Matching, matched
-from cubepath.coordinator.theory.complexes.morse_paths import morse_columns, paths_along
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    Boundary,
+    CubicalComplex,
+    Rows,
+    boundary_of,
+    cofaces,
+)
+from cubepath.coordinator.theory.complexes.morse import (
+    Matching,
+    matched,
+    morse_columns,
+    paths_along,
+)
 from plain_steps import COMPILED, PLAIN, plain_steps
 from spaces import quotients, telescope, torus
 

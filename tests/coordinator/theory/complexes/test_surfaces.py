@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.theory.complexes.closed_surfaces import ClosedSurface, surface
-from cubepath.coordinator.theory.complexes.connected_components import components
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.homology_groups import homology
+from cubepath.coordinator.theory.complexes.surfaces import ClosedSurface, components, surface
 from cubepath.protocol.scenes.specs import scene_from_spec
 from spaces import (
     EMPTY,

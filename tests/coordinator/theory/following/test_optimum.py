@@ -19,9 +19,8 @@ from cubepath.coordinator.theory.following.encoding import (
     _at_most_one,
     clauses_of,
 )
+from cubepath.coordinator.theory.following.files import fewest_rounds_proof, read_vehicle_plan
 from cubepath.coordinator.theory.following.optimum import fewest_rounds
-from cubepath.coordinator.theory.following.proofs import fewest_rounds_proof
-from cubepath.coordinator.theory.following.reading import read_vehicle_plan
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import check_fewest_rounds
 from faces import ROOT

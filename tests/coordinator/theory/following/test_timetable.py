@@ -11,10 +11,13 @@ from random import Random
 import pytest
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.theory.following.files import timetable_file
-from cubepath.coordinator.theory.following.reading import read_vehicle_plan
-from cubepath.coordinator.theory.following.rules import RULES, Rule
-from cubepath.coordinator.theory.following.timetable import FollowingTimetable, following_timetable
+from cubepath.coordinator.theory.following.files import read_vehicle_plan, timetable_file
+from cubepath.coordinator.theory.following.timetable import (
+    RULES,
+    FollowingTimetable,
+    Rule,
+    following_timetable,
+)
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.durations import Durations

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.theory.complexes.bordered_surfaces import pulled_apart
 from cubepath.coordinator.theory.complexes.cubical_complex import complex_from_faces
+from cubepath.coordinator.theory.complexes.surfaces import pulled_apart
+from cubepath.coordinator.theory.paper.algorithms import envelope
 from cubepath.coordinator.theory.paper.curvature import (
     complex_of_squares,
     corner_of_a_cube,
     dented_disc,
 )
-from cubepath.coordinator.theory.paper.envelope import envelope
 from cubepath.coordinator.theory.paper.euclidean_geodesics import (
     chains,
     closure,

@@ -12,10 +12,12 @@ import msgspec
 import pytest
 
 from cubepath.coordinator.theory.following.files import timetable_file
-from cubepath.coordinator.theory.following.rules import RULES
-from cubepath.coordinator.theory.following.timetable import following_timetable
-from cubepath.coordinator.theory.proof_checking.following import FOLLOWING_CHECKS, check_following
-from cubepath.coordinator.theory.proof_checking.following_rules import why_illegal
+from cubepath.coordinator.theory.following.timetable import RULES, following_timetable
+from cubepath.coordinator.theory.proof_checking.following import (
+    FOLLOWING_CHECKS,
+    check_following,
+    why_illegal,
+)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.path_files.following import (
@@ -24,7 +26,7 @@ from cubepath.protocol.path_files.following import (
     FollowingLine,
     read_following,
 )
-from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+from cubepath.protocol.plans.imported import VehiclePlan
 from vehicle_rounds import Drawn, Move, draw_plan, is_legal
 
 

@@ -16,9 +16,11 @@ import pytest
 
 from cubepath.coordinator.theory.following.encoding import Clauses as Encoded
 from cubepath.coordinator.theory.following.encoding import Task, cell_of, clauses_of
-from cubepath.coordinator.theory.following.rules import RULES, Rule
-from cubepath.coordinator.theory.proof_checking.following_clauses import AT, GOES, UP_TO
+from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.coordinator.theory.proof_checking.following_proof import (
+    AT,
+    GOES,
+    UP_TO,
     FollowingRefutation,
     check_fewest_rounds,
 )

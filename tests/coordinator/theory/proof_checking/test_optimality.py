@@ -29,9 +29,8 @@ from cubepath.coordinator.theory.proof_checking.refutation_moves import Moves
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.optimality_proofs import (

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
 from cubepath.coordinator.theory.search.exact import optimum, too_wide
-from cubepath.coordinator.theory.search.listed_moves import listed_moves
-from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.coordinator.theory.search.transitions import Transitions, listed_moves
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves

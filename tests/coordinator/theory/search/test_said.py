@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from cubepath.coordinator.theory.search.said import bounds_of, potential_of, ways_of
+from cubepath.coordinator.theory.search.lower_bounds import bounds_of, potential_of, ways_of
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site

@@ -19,7 +19,7 @@ import pytest
 from command_line import GOLDEN
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import start

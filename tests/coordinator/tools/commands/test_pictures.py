@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cubepath.agents.rendering.pen import palette
-from cubepath.agents.rendering.themes import DARK, GOAL, PAPER
+from cubepath.agents.rendering.pen import DARK, GOAL, PAPER, palette
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.cutting import filter_recording
 from watched_pages import OWN

@@ -12,8 +12,8 @@ from msgspec.structs import replace as with_fields
 
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.coordinator.tools.comparison.compared import Compared
 from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cubepath.coordinator.tools.comparison.comparing import diff
-from cubepath.coordinator.tools.comparison.neighbourhood import picture_of
-from cubepath.coordinator.tools.comparison.trail import sensed_at
+from cubepath.coordinator.tools.comparison.playing import sensed_at
+from cubepath.coordinator.tools.comparison.reasons import picture_of
 from cubepath.protocol.scenes.specs import scene_from_spec
 from twin_runs import twin
 

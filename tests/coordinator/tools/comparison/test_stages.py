@@ -7,8 +7,8 @@ from functools import cache
 import pytest
 
 from cubepath.coordinator.runs.continuing import what_if
-from cubepath.coordinator.tools.comparison.compared import Compared
 from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.protocol.recordings.recording import Recording
 from recordings import new_path, recorded
 

@@ -27,8 +27,7 @@ from cubepath.coordinator.tools.exports.times import times_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.cutting import filter_recording, split_recording
-from cubepath.protocol.recordings.merging import merge_recordings
+from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.registry import all_families

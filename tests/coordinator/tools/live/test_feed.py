@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.tools.live.feed import Feed, Place
-from cubepath.coordinator.tools.viewing.packing import pack, unpack
+from cubepath.coordinator.tools.viewing.pages import pack, unpack
 from cubepath.coordinator.tools.viewing.shown import document_of
 from cubepath.protocol.core.actions import end_at
 from watched_pages import KINDS, Watched, watched

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.tools.live.pacing import STEPS_MAX, Pace
+from cubepath.coordinator.tools.live.watching import STEPS_MAX, Pace
 from cubepath.protocol.core.errors import InputError
 
 

@@ -16,8 +16,8 @@ import pytest
 
 from cubepath.coordinator.tools.live import server as module
 from cubepath.coordinator.tools.live.feed import Feed
-from cubepath.coordinator.tools.live.pacing import Pace
 from cubepath.coordinator.tools.live.server import CLIENTS_MAX, HOST, Server
+from cubepath.coordinator.tools.live.watching import Pace
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.tools.viewing.packing import pack, unpack
+from cubepath.coordinator.tools.viewing.pages import pack, unpack
 
 numbers = st.lists(st.integers(-(2**31), 2**32 - 1).filter(lambda n: -(2**31) <= n < 2**31))
 

@@ -12,7 +12,7 @@ import pytest
 
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.theory.complexes.exploration import explore
-from cubepath.coordinator.tools.viewing.packing import pack, unpack
+from cubepath.coordinator.tools.viewing.pages import pack, unpack
 from cubepath.coordinator.tools.viewing.shown import Shown, document_of
 from cubepath.coordinator.tools.viewing.worlds import World
 from cubepath.protocol.core.sites import site_from_json

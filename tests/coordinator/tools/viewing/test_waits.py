@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.tools.viewing.waits import waits_of
+from cubepath.coordinator.tools.viewing.worlds import waits_of
 from cubepath.protocol.core.actions import commute
 from strategies import SCENES, Word, crowded_words, walks, words
 

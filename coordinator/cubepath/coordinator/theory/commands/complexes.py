@@ -19,7 +19,7 @@ from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, whole
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from cubepath.coordinator.commands.plan_options import hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.following_proofs import write_fewest
 from cubepath.coordinator.theory.commands.search_options import check_proof_option
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import InputFile, opened
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.theory.following.optimum import FewestRounds
     from cubepath.coordinator.theory.following.timetable import FollowingTimetable
     from cubepath.protocol.path_files.following import FollowingHead
-    from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+    from cubepath.protocol.plans.imported import VehiclePlan
 
 
 _FOR_CUBES = {
@@ -77,10 +77,15 @@ def check_following_options(options: argparse.Namespace) -> None:
 
 def shorten_following(options: argparse.Namespace) -> int:
     """Do what ``shorten --following`` asks for; InputError if the input is no plan of vehicles."""
-    from cubepath.coordinator.theory.following.files import checked, timetable_file  # noqa: PLC0415
-    from cubepath.coordinator.theory.following.reading import read_vehicle_plan  # noqa: PLC0415
-    from cubepath.coordinator.theory.following.timetable import following_timetable  # noqa: PLC0415
-    from cubepath.coordinator.theory.following.words import chain_in_words  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.files import (  # noqa: PLC0415
+        checked,
+        read_vehicle_plan,
+        timetable_file,
+    )
+    from cubepath.coordinator.theory.following.timetable import (  # noqa: PLC0415
+        chain_in_words,
+        following_timetable,
+    )
     from cubepath.protocol.path_files.following import write_following  # noqa: PLC0415
 
     check_following_options(options)
@@ -216,7 +221,7 @@ def _document(found: FollowingTimetable, *, timed: bool) -> dict[str, Any]:
 
 def verify_following(options: argparse.Namespace, file: InputFile) -> int:
     """Check a timetable against its input, as ``cubepath verify FILE --of INPUT`` does."""
-    from cubepath.coordinator.theory.following.reading import read_vehicle_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.files import read_vehicle_plan  # noqa: PLC0415
     from cubepath.coordinator.theory.proof_checking.following import check_following  # noqa: PLC0415
     from cubepath.protocol.path_files.following import read_following  # noqa: PLC0415
 

@@ -16,8 +16,8 @@ from cubepath.coordinator.theory.commands.checked_proofs import (
     state_text,
 )
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import to_json
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -25,14 +25,14 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.theory.proof_checking.following_proof import ProvedFewest
     from cubepath.protocol.path_files.following import FollowingFile
     from cubepath.protocol.path_files.following_proofs import FollowingProof
-    from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+    from cubepath.protocol.plans.imported import VehiclePlan
 
 
 def write_fewest(
     options: argparse.Namespace, fewest: FewestRounds, timetable: FollowingFile
 ) -> list[tuple[str, object]]:
     """Write what was proved, if that is asked for; return the line of the summary."""
-    from cubepath.coordinator.theory.following.proofs import fewest_rounds_proof  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.files import fewest_rounds_proof  # noqa: PLC0415
     from cubepath.protocol.path_files.following_proofs import (  # noqa: PLC0415
         write_following_proof,
     )
@@ -48,7 +48,7 @@ def write_fewest(
 
 def given_plan(options: argparse.Namespace) -> VehiclePlan | None:
     """Return the plan that a proof is to be about, None if none is given."""
-    from cubepath.coordinator.theory.following.reading import read_vehicle_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.following.files import read_vehicle_plan  # noqa: PLC0415
 
     if options.of is None:
         return None

@@ -20,10 +20,9 @@ from cubepath.coordinator.theory.commands.checked_proofs import (
     state_text,
     write_others,
 )
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, Source, opened
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import in_order, to_json
 
 if TYPE_CHECKING:  # a command starts faster without them

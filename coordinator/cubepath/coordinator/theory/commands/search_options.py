@@ -10,7 +10,7 @@ from cubepath.coordinator.commands.files import none_written, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened

@@ -16,9 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    Cells,
+    CubicalComplex,
+    Numbers,
+    Rows,
+    cofaces,
+    incidence,
+)
 from cubepath.coordinator.theory.complexes.homology_groups import Homology
-from cubepath.coordinator.theory.complexes.incidence import Cells, Numbers, Rows, cofaces, incidence
 from cubepath.protocol.compiled import compiled
 
 ORDERS = 24

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import arcs
-from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, WALL, Theme
+from cubepath.agents.rendering.pen import DARK, INK, LIGHT, PAPER, WALL, Theme, arcs
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.vertex_layout import (
     View,

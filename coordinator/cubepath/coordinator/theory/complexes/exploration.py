@@ -13,24 +13,26 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.matching import (
-    Placing,
-    admissible_at,
-    hash_of,
-    modules_of,
-    placing,
-    proposals_of,
-    turn,
-)
-from cubepath.coordinator.theory.complexes.state_masks import Bits, Numbers, Words, bits_in, row_of
-from cubepath.coordinator.theory.complexes.state_table import (
+from cubepath.coordinator.theory.complexes.state_masks import (
     FREE,
+    Bits,
+    Numbers,
+    Placing,
     Table,
+    Words,
+    admissible_at,
+    bits_in,
     empty_table,
     entry,
     grown,
+    hash_of,
+    modules_of,
     number_in,
+    placing,
+    proposals_of,
+    row_of,
     slot_of,
+    turn,
 )
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.sites import Site

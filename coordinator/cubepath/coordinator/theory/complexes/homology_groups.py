@@ -28,11 +28,14 @@ import numpy as np
 from flint import fmpz_mat, nmod_mat
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.chains import Boundary, boundary_of
-from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.incidence import Rows, cofaces
-from cubepath.coordinator.theory.complexes.morse_matching import matched
-from cubepath.coordinator.theory.complexes.morse_paths import Column, morse_columns, paths_along
+from cubepath.coordinator.theory.complexes.cubical_complex import (
+    Boundary,
+    CubicalComplex,
+    Rows,
+    boundary_of,
+    cofaces,
+)
+from cubepath.coordinator.theory.complexes.morse import Column, matched, morse_columns, paths_along
 
 Progress = Callable[[int], None]
 

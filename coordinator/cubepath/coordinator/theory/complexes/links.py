@@ -3,6 +3,13 @@
 Source: Abrams and Ghrist, definitions of link and link condition, after Gromov: a cube complex is
 non-positively curved iff in the link of every vertex any k + 1 vertices that are pairwise joined
 by edges bound a unique k-simplex.
+
+The cliques of a small graph, one after another, for compiled code.
+
+The link of one state, from the definition, without any exploration.
+
+This is how the link condition of a non-local system is checked: its complex may be far too large,
+but a link involves only the cubes at one state.
 """
 
 from __future__ import annotations
@@ -15,9 +22,46 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.cliques import following
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.protocol.compiled import compiled
+from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
+from cubepath.protocol.core.sites import in_order
+from cubepath.protocol.core.system import Scene
+
+
+@compiled
+def following(
+    agree: NDArray[np.bool_],
+    chosen: NDArray[np.int32],
+    depth: int,
+    deeper: bool,  # noqa: FBT001
+) -> int:
+    """Change the clique ``chosen[:depth]`` into the next one; return its size, 0 after the last.
+
+    `agree` is symmetric, shape (size, size); `chosen` has room for `size` vertices in ascending
+    order. Cliques come in lexicographic order, beginning with depth 0, the empty one. Without
+    `deeper`, cliques that contain the current one are skipped.
+    """
+    size = len(agree)
+    place = chosen[depth - 1] + 1 if depth else 0
+    if not deeper:
+        depth -= 1
+    while True:
+        while place < size:
+            fits = True
+            for other in range(depth):
+                if not agree[place, chosen[other]]:
+                    fits = False
+                    break
+            if fits:
+                chosen[depth] = place
+                return depth + 1
+            place += 1
+        if depth == 0:
+            return 0
+        depth -= 1
+        place = chosen[depth] + 1
+
 
 Ints = NDArray[np.int64]
 Ends = NDArray[np.int32]
@@ -230,3 +274,63 @@ def _unfilled(
 
 def _pairwise(clique: Sequence[int], graph: Ranges) -> bool:
     return all(_joined.for_work(10)(graph, one, other) for one, other in combinations(clique, 2))
+
+
+def actions_at(scene: Scene, state: State) -> list[Action]:
+    """Return the actions that may be executed at the state, by site and slot.
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> [action.label for action in actions_at(scene, scene.start_state)][:2]
+    ['pivot-1-right at [0, 0]', 'pivot-2-right at [1, -1]']
+    """
+    system = scene.system
+    found = {
+        move.action: None
+        for site in in_order(state - system.filled)
+        for move in system.moves(site)
+        if move is not None and admissible(move.action, state)
+    }
+    return [action for action in found if system.legal(apply(action, state))]
+
+
+def spans_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
+    """Return whether actions admissible at the state span a cube: all its corners are states."""
+    if not all(commute(one, other) for one, other in combinations(actions, 2)):
+        return False
+    if scene.system.local:
+        return True
+    corners = [frozenset(state)]
+    for action in actions:
+        corners += [apply(action, corner) for corner in corners]
+    return all(scene.system.legal(corner) for corner in corners)
+
+
+def unfilled(scene: Scene, state: State) -> list[tuple[Action, ...]]:
+    """Return the minimal sets of actions that fail the link condition at the state.
+
+    Each has at least three actions; any proper subset of them spans a cube, but all together do
+    not. A local system has none (the paper's theorem on non-positive curvature).
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> unfilled(scene, scene.start_state)
+    []
+    """
+    actions = actions_at(scene, state)
+    filled: set[tuple[int, ...]] = {(number,) for number in range(len(actions))}
+    layer = sorted(filled)
+    missing: list[tuple[Action, ...]] = []
+    while layer:
+        following = []
+        for chosen in layer:
+            for number in range(chosen[-1] + 1, len(actions)):
+                larger = (*chosen, number)
+                if any(part not in filled for part in combinations(larger, len(chosen))):
+                    continue
+                found = [actions[each] for each in larger]
+                if spans_cube(scene, state, found):
+                    following.append(larger)
+                elif len(larger) > 2:
+                    missing.append(tuple(found))
+        filled.update(following)
+        layer = following
+    return missing

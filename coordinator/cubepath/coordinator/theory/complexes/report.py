@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
-from cubepath.coordinator.theory.complexes.bordered_surfaces import pulled_apart
-from cubepath.coordinator.theory.complexes.closed_surfaces import surface
 from cubepath.coordinator.theory.complexes.collapses import contractibility
-from cubepath.coordinator.theory.complexes.connected_components import components
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import MAX_STATES, Explored, explore
 from cubepath.coordinator.theory.complexes.homology_groups import Homology, homology
-from cubepath.coordinator.theory.complexes.links import Links, bytes_for_links, check_links
-from cubepath.coordinator.theory.complexes.local_link import unfilled
+from cubepath.coordinator.theory.complexes.links import (
+    Links,
+    bytes_for_links,
+    check_links,
+    unfilled,
+)
 from cubepath.coordinator.theory.complexes.shape_complexes import (
     ShapeComplex,
     TooManyShapes,
@@ -27,6 +28,7 @@ from cubepath.coordinator.theory.complexes.state_complexes import (
     f_vector,
     state_complex,
 )
+from cubepath.coordinator.theory.complexes.surfaces import components, pulled_apart, surface
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
 

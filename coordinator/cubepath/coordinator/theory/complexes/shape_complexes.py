@@ -16,9 +16,8 @@ import numpy as np
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import MAX_STATES
 from cubepath.protocol.core.actions import Action, admissible, apply, commute, end_at
-from cubepath.protocol.core.catalogue import Cell, Lattice
+from cubepath.protocol.core.catalogue import Cell, GeneratorPlacement, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System, local_only
 

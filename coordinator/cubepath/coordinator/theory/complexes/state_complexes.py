@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.cliques import following
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import Explored
+from cubepath.coordinator.theory.complexes.links import following
 from cubepath.coordinator.theory.complexes.state_masks import Numbers, Words, commutes
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action

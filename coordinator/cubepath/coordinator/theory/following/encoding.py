@@ -26,7 +26,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.following.rules import Rule
+from cubepath.coordinator.theory.following.timetable import Rule
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 

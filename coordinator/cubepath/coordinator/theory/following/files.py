@@ -1,16 +1,88 @@
 """Timetables as files: what `cubepath shorten --following RULE -o FILE` writes.
 
 They are checked by code that shares nothing with what computed them before anybody is told.
+
+Reading plans of vehicles with the planner's rounds.
+
+It touches only the files it is given.
+
+The proof that no timetable in which vehicles follow is shorter, as a file.
+
+But the log of a solver, which it reads.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import IO
+
+from cubepath.coordinator.theory.following.encoding import cell_of
+from cubepath.coordinator.theory.following.optimum import Refuted
 from cubepath.coordinator.theory.following.timetable import FollowingTimetable
 from cubepath.coordinator.theory.proof_checking.following import check_following
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.input_files import Source, check_not_empty, opened
 from cubepath.protocol.path_files.durations import time_text
-from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingLine
-from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+from cubepath.protocol.path_files.following import (
+    FollowingFile,
+    FollowingHead,
+    FollowingLine,
+    is_following,
+)
+from cubepath.protocol.path_files.following_proofs import FollowingProof
+from cubepath.protocol.path_files.npz import is_npz
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
+from cubepath.protocol.plans.imported import Imported, VehiclePlan
+from cubepath.protocol.plans.scenario import is_scenario, read_scenario
+from cubepath.protocol.recordings.recording import is_recording
+
+_EXPECTED = (
+    "expected a scenario or another program's plan of vehicles: --following is for those alone"
+)
+
+
+def read_vehicle_plan(
+    source: Source, system: str | None = None, hints: PlanHints = NO_HINTS
+) -> VehiclePlan:
+    """Read a plan of vehicles, in which some may rotate; `hints` are as for `read_input`.
+
+    InputError if the file cannot be read, holds no plan of vehicles on a grid, or holds an illegal
+    move.
+
+    >>> from pathlib import Path
+    >>> _ = Path("train.json").write_text(
+    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
+    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
+    ... )
+    >>> plan = read_vehicle_plan("train.json")
+    >>> move = plan.moves[0]
+    >>> move.vehicle, move.source, move.target, move.round
+    (1, (1, 0), (2, 0), 1)
+    """
+    with opened(source) as file:
+        check_not_empty(file)
+        path = file.path
+        found: Imported | None = None
+        if is_following(file):
+            raise InputError(f"{path}: a timetable of vehicles that follow already; {_EXPECTED}")
+        if is_recording(file):
+            raise InputError(f"{path}: a recording, whose rounds are cubes already; {_EXPECTED}")
+        if not is_npz(file):
+            found = read_plan(file, hints.format, companions=hints.companions, system=system)
+            if found is None and is_scenario(file):
+                if hints.companions or system is not None:
+                    given = "--with" if hints.companions else "--system"
+                    raise InputError(
+                        f"{path}: a scenario, which says itself what its system is: expected no"
+                        f" {given}"
+                    )
+                found = read_scenario(file)
+        if found is None:
+            raise InputError(f"{path}: a moves file, in which no vehicles are told; {_EXPECTED}")
+        if found.vehicles is None:
+            raise InputError(f"{path}: a plan of moves, not of vehicles; {_EXPECTED}")
+        return found.vehicles()
 
 
 def checked(timetable: FollowingFile, plan: VehiclePlan) -> FollowingFile:
@@ -63,3 +135,54 @@ def timetable_file(found: FollowingTimetable, *, timed: bool = False) -> Followi
         cancelled=[(earlier + 1, later + 1) for earlier, later in found.cancelled],
     )
     return FollowingFile(head, tuple(lines))
+
+
+_CHUNK = 1 << 20
+
+
+def fewest_rounds_proof(refuted: Refuted, timetable: FollowingFile) -> FollowingProof:
+    """Return the proof that no timetable has so few rounds as were refuted.
+
+    `timetable` is the best that is known, by rounds. The log of the refutation is read when the
+    proof is written.
+
+    >>> from contextlib import ExitStack
+    >>> from pathlib import Path
+    >>> _ = Path("cross.json").write_text(
+    ...     '{"starts": [[0, 0], [1, 1]], "goals": [[2, 0], [1, -1]], "rounds": [1, 1, 1, 1],'
+    ...     ' "moves": [[[0, 0], [1, 0]], [[1, 0], [2, 0]], [[1, 1], [1, 0]], [[1, 0], [1, -1]]]}'
+    ... )
+    >>> plan = read_vehicle_plan("cross.json")
+    >>> own = timetable_file(following_timetable(plan, "cgshop"))
+    >>> with ExitStack() as logs:
+    ...     best = fewest_rounds(plan, "cgshop", within=4, seconds=60, logs=logs)
+    ...     checked = check_fewest_rounds(fewest_rounds_proof(best.refuted, own))
+    >>> best.timetable, checked.rounds, checked.optimal
+    (None, 4, True)
+    """
+    task, clauses = refuted.task, refuted.clauses
+    places = task.places
+    rounds = timetable.head.rounds or 0
+    schedule: list[list[tuple[int, int]]] = [[] for _ in range(rounds)]
+    for line in timetable.lines:
+        schedule[(line.round or 1) - 1].append((line.vehicle, places[line.target]))
+    edges = [(places[one], places[other]) for one, other in task.edges]
+    proof = FollowingProof(
+        rule=task.rule,
+        starts=task.starts,
+        ends=task.ends,
+        vertices=[cell_of(site) for site in places],
+        edges=edges,
+        refuted=refuted.rounds,
+        solver=refuted.why,
+        log=_log(refuted.log),
+        schedule=schedule,
+    )
+    return proof if clauses is None else replace(proof, variables=clauses.meanings)
+
+
+def _log(file: IO[bytes] | None) -> Iterator[bytes]:
+    if file is not None:
+        file.seek(0)
+        while chunk := file.read(_CHUNK):
+            yield chunk

@@ -25,7 +25,7 @@ from cubepath.coordinator.theory.following.encoding import (
     TooLargeError,
     clauses_of,
 )
-from cubepath.coordinator.theory.following.rules import Rule
+from cubepath.coordinator.theory.following.timetable import Rule
 from cubepath.coordinator.theory.satisfiability.proving import PROPAGATION, SEARCH
 from cubepath.coordinator.theory.satisfiability.solver_process import (
     LOG_MAX,
@@ -38,7 +38,7 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     check_installed,
 )
 from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingLine
-from cubepath.protocol.plans.vehicle_plan import VehiclePlan
+from cubepath.protocol.plans.imported import VehiclePlan
 
 _POLL_S = 0.2
 WAY = "way of a vehicle"

@@ -19,22 +19,63 @@ These moves do not commute. So there are no cubes here, no homotopy classes, and
 the least for this order of visits alone.
 
 It knows neither the heap nor the normal form.
+
+The rules by which a vehicle may follow another into a vertex, and the inequalities they mean.
+
+Under the rule of multi-agent path finding (`mapf`) a vehicle may enter a vertex while another
+leaves it: it begins to enter no earlier than the other begins to leave, and arrives no earlier than
+the other has left. Under that of CG:SHOP 2021 (`cgshop`) it may do so only in the direction in
+which the other leaves; otherwise it begins when the other has left. Where all moves take one round,
+"no earlier" is: in the same round, or later. Nobody swaps places along an edge.
+
+For unit squares that move at a constant pace the rule of CG:SHOP is what their bodies allow: two of
+them on a line do not overlap if and only if the one behind neither begins nor arrives earlier.
+
+The chain of moves that proves a timetable the least, in words.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import pairwise
 from math import lcm
+from typing import Final, Literal, TypeAlias
 
-from cubepath.coordinator.theory.following.rules import Rule, wait
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.path_files.durations import Durations
-from cubepath.protocol.plans.vehicle_plan import VehicleMove, VehiclePlan
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.path_files.durations import Durations, time_text
+from cubepath.protocol.plans.imported import VehicleMove, VehiclePlan
+
+Rule: TypeAlias = Literal["mapf", "cgshop"]
+RULES: Final[tuple[Rule, ...]] = ("mapf", "cgshop")
+
+
+def same_direction(one: VehicleMove, other: VehicleMove) -> bool:
+    """Return whether two moves on a grid go in one direction."""
+    return all(
+        b - a == d - c
+        for a, b, c, d in zip(one.source, one.target, other.source, other.target, strict=True)
+    )
+
+
+def may_overlap(rule: Rule, leaving: VehicleMove, entering: VehicleMove) -> bool:
+    """Return whether a vertex may be entered by one move while another leaves it."""
+    return rule == "mapf" or same_direction(leaving, entering)
+
+
+def wait(rule: Rule, leaving: VehicleMove, entering: VehicleMove, times: tuple[int, int]) -> int:
+    """Return how much later than `leaving` the move `entering` begins at least.
+
+    `times` is how long the two take, in any unit.
+    """
+    leaves, enters = times
+    return max(0, leaves - enters) if may_overlap(rule, leaving, entering) else leaves
+
 
 Cell = tuple[int, int]
 Pairs = tuple[tuple[int, int], ...]
@@ -287,3 +328,38 @@ def _rotation(plan: VehiclePlan, step: Step) -> str:
         f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(who[:-1])} and {who[-1]}"
         f" rotate at {list(moves[0].source)}"
     )
+
+
+def chain_in_words(found: FollowingTimetable, *, timed: bool = False) -> list[str]:
+    """Return lines on why no timetable of these moves, in their order, is shorter."""
+    if not found.chain:
+        return ["Nothing moves."]
+    count = len(found.chain)
+    what = "A chain of one move" if count == 1 else f"A chain of {count} moves"
+    lines = [f"{what}, each of which binds the next:", *_links(found, timed=timed)]
+    whole = time_text(found.makespan)
+    units = "" if timed else " round" if whole == 1 else " rounds"
+    lines.append(
+        f"Checked, so proved: under the rule {found.rule} these moves, with every vertex visited in"
+        f" the order of the input, take at least {whole}{units}."
+    )
+    return lines
+
+
+def _links(found: FollowingTimetable, *, timed: bool) -> Iterator[str]:
+    moves = found.plan.moves
+    reasons = [""] + [f"  {_why(found, one, other)}" for one, other in pairwise(found.chain)]
+    for place, why in zip(found.chain, reasons, strict=True):
+        move, start = moves[place], found.starts[place]
+        when = f"from {time_text(start)}" if timed else f"round {int(start) + 1}"
+        goes = f"{site_text(move.source)} to {site_text(move.target)}"
+        called = f"{found.plan.called} {move.vehicle}"
+        yield f"  {when:<8}  move {place + 1}  {called}, {goes}{why}"
+
+
+def _why(found: FollowingTimetable, before: int, after: int) -> str:
+    one, other = found.plan.moves[before], found.plan.moves[after]
+    if one.vehicle == other.vehicle:
+        return "after its last move"
+    follows = found.rule == "mapf" or same_direction(one, other)
+    return f"{'follows' if follows else 'waits for'} {found.plan.called} {one.vehicle}"

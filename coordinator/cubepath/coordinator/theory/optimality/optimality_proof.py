@@ -14,7 +14,7 @@ import numpy as np
 from cubepath.coordinator.theory.satisfiability.clauses import OFF, ON
 from cubepath.coordinator.theory.satisfiability.proving import Refutation
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.optimality_proofs import (

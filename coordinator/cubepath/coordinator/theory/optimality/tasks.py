@@ -13,8 +13,8 @@ from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from cubepath.coordinator.theory.complexes.collapses import collapse
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
-from cubepath.coordinator.theory.complexes.links import check_links
-from cubepath.coordinator.theory.complexes.local_link import unfilled
+from cubepath.coordinator.theory.complexes.links import check_links, unfilled
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.paper.euclidean_geodesics import chains, geodesics
 from cubepath.coordinator.theory.paper.examples import small_systems

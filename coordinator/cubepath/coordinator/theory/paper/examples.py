@@ -8,7 +8,7 @@ from functools import cache
 from itertools import combinations
 
 from cubepath.coordinator.theory.complexes.exploration import Explored, explore
-from cubepath.coordinator.theory.complexes.local_link import actions_at
+from cubepath.coordinator.theory.complexes.links import actions_at
 from cubepath.coordinator.theory.complexes.state_complexes import f_vector
 from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute

@@ -10,7 +10,7 @@ from random import Random
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.complexes.exploration import explore
-from cubepath.coordinator.theory.complexes.local_link import actions_at
+from cubepath.coordinator.theory.complexes.links import actions_at
 from cubepath.coordinator.theory.complexes.state_complexes import StateComplex, state_complex
 from cubepath.coordinator.theory.paper.algorithms import (
     READINGS,
@@ -20,11 +20,11 @@ from cubepath.coordinator.theory.paper.algorithms import (
     Reading,
     ShrinkCubePath,
     TimeGeodesic,
+    envelope,
     genuine_cube_path,
     mended_time_geodesic,
     weight,
 )
-from cubepath.coordinator.theory.paper.envelope import envelope
 from cubepath.coordinator.theory.paper.euclidean_geodesics import (
     closure,
     diagonals,

@@ -9,14 +9,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from cubepath.coordinator.theory.complexes.bordered_surfaces import pulled_apart
-from cubepath.coordinator.theory.complexes.closed_surfaces import surface
 from cubepath.coordinator.theory.complexes.collapses import collapse, contractibility
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
-from cubepath.coordinator.theory.complexes.links import check_links
-from cubepath.coordinator.theory.complexes.local_link import actions_at
+from cubepath.coordinator.theory.complexes.links import actions_at, check_links
 from cubepath.coordinator.theory.complexes.macros import lift, macro
 from cubepath.coordinator.theory.complexes.shape_complexes import (
     ShapeComplex,
@@ -28,6 +25,7 @@ from cubepath.coordinator.theory.complexes.shape_complexes import (
     steps_at,
 )
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
+from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
 from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
 from cubepath.protocol.core.actions import Action, apply, commute, end_at
 from cubepath.protocol.core.catalogue import HEXAGONS

@@ -23,10 +23,8 @@ from cubepath.coordinator.theory.proof_checking.refutation_windows import (
     windows_of,
 )
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.ordinals import Ordinals
-from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
+from cubepath.protocol.core.sites import Ordinals, Site, in_order, site_text
 from cubepath.protocol.core.system import System
 
 

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from cubepath.coordinator.theory.satisfiability import literal_windows
 from cubepath.coordinator.theory.satisfiability.move_arrays import FREE, IN_TRACE, MoveArrays
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import System
 

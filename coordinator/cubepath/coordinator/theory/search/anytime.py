@@ -24,7 +24,7 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.theory.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.theory.satisfiability.solver_process import solvers_installed
 from cubepath.coordinator.theory.search.budget import Budget, SpentError, Stage
-from cubepath.coordinator.theory.search.said import paths_of, prepare_for
+from cubepath.coordinator.theory.search.lower_bounds import paths_of, prepare_for
 from cubepath.coordinator.theory.search.sat_windows import STAGE, SatWindows
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.coordinator.theory.search.vehicle_lns import Replanner

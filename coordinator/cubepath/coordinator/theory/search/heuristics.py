@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from cubepath.coordinator.theory.search.said import potential_of, ways_of
+from cubepath.coordinator.theory.search.lower_bounds import potential_of, ways_of
 from cubepath.coordinator.theory.search.transitions import Transitions, bits_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System

@@ -24,8 +24,7 @@ from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimi
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import System
-from cubepath.protocol.core.vehicle_graph import VehicleGraph
+from cubepath.protocol.core.system import System, VehicleGraph
 
 CELLS_MAX = 10_000_000
 """The bound on vertices times rounds, and on vertices times vehicles, kept in memory."""

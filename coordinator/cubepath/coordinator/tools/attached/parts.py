@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.runs.about import About
+from cubepath.coordinator.runs.asking import About
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.description import ATTACHED, PART

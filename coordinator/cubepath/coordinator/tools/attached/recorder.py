@@ -20,19 +20,17 @@ from typing import Self
 import msgspec
 import zenoh
 
-from cubepath.coordinator.runs.about import About, about_key, find_run
+from cubepath.coordinator.runs.asking import About, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.attached.backlog import Backlog, Heard
+from cubepath.coordinator.tools.attached.backlog import Backlog, Heard, Kept, Window
 from cubepath.coordinator.tools.attached.guests import guest_at
 from cubepath.coordinator.tools.attached.losses import Losses
 from cubepath.coordinator.tools.attached.parts import Parts, Splitting, numbered
-from cubepath.coordinator.tools.attached.times import Times
 from cubepath.coordinator.tools.attached.topics import Topics
-from cubepath.coordinator.tools.attached.turns import Item, Turns
-from cubepath.coordinator.tools.attached.window import Kept, Window
+from cubepath.coordinator.tools.attached.turns import Item, Times, Turns
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.given import seconds
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.keys import everything

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 

@@ -9,9 +9,8 @@ from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number, whole
-from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.output_files import check_output_folder
-from cubepath.protocol.core.plurals import counted
 
 _MB = 1_000_000
 
@@ -125,7 +124,7 @@ def _split(options: argparse.Namespace) -> int:
 
 
 def _merge(options: argparse.Namespace) -> int:
-    from cubepath.protocol.recordings.merging import merge_recordings  # noqa: PLC0415
+    from cubepath.protocol.recordings.cutting import merge_recordings  # noqa: PLC0415
 
     check_files(options, options.logs, Output(options.output, (".mcap",)))
     with progress_bar(None, "merge", ""):

@@ -16,8 +16,8 @@ from cubepath.coordinator.commands.files import (
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number
 from cubepath.coordinator.tools.commands.cutting import add_selection_options
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 _FORMS = {

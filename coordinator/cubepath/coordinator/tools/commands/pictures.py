@@ -25,8 +25,8 @@ from cubepath.coordinator.tools.commands.live import (
     watch_elsewhere,
 )
 from cubepath.coordinator.tools.commands.pages import Drawn, write_page
-from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
 if TYPE_CHECKING:  # a command starts faster without it

@@ -3,6 +3,15 @@
 Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
 from versions is compared; of anything else, and of a run with rounds and one without, the moves
 are.
+
+What two runs have to do with each other, before any of their messages is compared.
+
+Of systems of two families nothing fits together: neither places nor modules nor moves. One run can
+also be the outcome of a what-if of the other.
+
+Whether what is asked of a comparison is of use for the two that are compared.
+
+What would be passed over is refused in one line.
 """
 
 from __future__ import annotations
@@ -16,14 +25,6 @@ from pathlib import Path
 import msgspec
 
 from cubepath.coordinator.runs.contents import counted_processes
-from cubepath.coordinator.tools.comparison.asking import (
-    COMPARED_KINDS,
-    check_asked,
-    check_compared,
-    check_use,
-)
-from cubepath.coordinator.tools.comparison.compared import Compared
-from cubepath.coordinator.tools.comparison.families import compare_families, parent_notes
 from cubepath.coordinator.tools.comparison.free import compare_free
 from cubepath.coordinator.tools.comparison.lockstep import Asked, Parting, SideBySide
 from cubepath.coordinator.tools.comparison.moves import (
@@ -41,12 +42,151 @@ from cubepath.coordinator.tools.comparison.results import (
     MessageDifference,
     Paths,
 )
+from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
-from cubepath.protocol.wire.messages import Summary
+from cubepath.protocol.wire.messages import KINDS, Summary, decode
+
+
+def compare_families(
+    a: Recording,
+    b: Recording,
+    parameters: dict[str, tuple[str | None, str | None]],
+    scene: str | None,
+) -> Compared:
+    """Compare how runs of systems of two families ended; nothing else would make sense."""
+    told = _ended(a), _ended(b)
+    return Compared(
+        str(a.path),
+        str(b.path),
+        clock=a.clock if a.clock == b.clock else "moves",
+        same=False,
+        identical=False,
+        parameters=parameters,
+        scene=scene,
+        compared="how the runs ended; sites and moves of two such systems have nothing in common",
+        notes=tuple(_damage(a, b)),
+        ends=told,
+    )
+
+
+def _damage(a: Recording, b: Recording) -> Iterator[str]:
+    for name, recording in zip(NAMES, (a, b), strict=True):
+        for problem in recording.problems:
+            yield f"{name} is damaged: {problem}"
+
+
+def _ended(recording: Recording) -> str:
+    for record in recording.of_kind("summary"):
+        try:
+            found = decode(record.data)
+        except InputError:
+            continue
+        if isinstance(found, Summary):
+            after = "" if recording.clock == "free" else f" after {counted(found.rounds, 'round')}"
+            moves, cubes = counted(found.moves, "move"), counted(found.cubes, "cube")
+            return f"{found.ended}{after}, {moves} in {cubes}"
+    return "not on record"
+
+
+def parent_notes(a: Recording, b: Recording) -> Iterator[str]:
+    """Yield in words how one run goes on from the other, or both from a third."""
+    parents = [each.parameters.get("parent_sha256") for each in (a, b)]
+    runs = (a, b)
+    for side, parent in enumerate(parents):
+        if parent is not None and runs[1 - side].sha256() == parent:
+            yield f"{NAMES[side]} goes on from {NAMES[1 - side]}{_since(runs[side])}"
+            return
+    if parents[0] is not None and parents[0] == parents[1]:
+        name = a.parameters.get("parent", "one recording")
+        for which, run in zip(NAMES, runs, strict=True):
+            yield f"{which} goes on from {name}{_since(run)}"
+
+
+def _since(run: Recording) -> str:
+    rule, number = (run.parameters.get(key) for key in ("what_if", "from_round"))
+    return "" if rule is None or number is None else f", with rule {rule} from round {number} on"
+
+
+COMPARED_KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube", "summary")
+"""The kinds of messages that are compared, in the order of a round and then of the end."""
+
+
+def _range(asked: Asked) -> str:
+    """Return the rounds that are asked for, as on the command line."""
+    return f"{asked.first}..{'' if asked.last is None else asked.last}"
+
+
+def check_asked(asked: Asked) -> None:
+    """Check what is asked by itself; InputError."""
+    if asked.context < 0:
+        raise InputError(f"context={asked.context}: expected 0 or more")
+    if asked.first < 1 or (asked.last is not None and asked.last < asked.first):
+        raise InputError(f"rounds={_range(asked)}: expected 1 or more, up")
+
+
+def check_use(
+    a: Recording | InputFile, b: Recording | InputFile, asked: Asked, system: str | None
+) -> None:
+    """Refuse what would make no difference for these two; InputError."""
+    recordings = [each for each in (a, b) if isinstance(each, Recording)]
+    if system is not None and len(recordings) == 2:
+        raise InputError(
+            f"system={system}: {a.path} and {b.path} are recordings, which say themselves what"
+            " their system is: expected no system"
+        )
+    free = next((each for each in recordings if each.clock == "free"), None)
+    moves = next((each for each in (a, b) if not isinstance(each, Recording)), None)
+    why = None
+    if moves is not None:
+        why = f"{moves.path} is no recording, so the moves alone are compared"
+    elif free is not None:
+        why = f"{free.path} is a run without rounds"
+    if why is not None and asked.limited:
+        raise InputError(f"rounds={_range(asked)}: {why}: expected no rounds")
+    if why is not None and asked.context:
+        raise InputError(f"context={asked.context}: {why}: expected no context")
+    known = {"format", *(name for each in recordings for name in each.parameters)}
+    for name in sorted(asked.ignored):
+        if moves is not None:
+            raise InputError(f"ignore={name}: {why}: expected nothing to ignore")
+        if name in COMPARED_KINDS and why is not None:
+            raise InputError(f"ignore={name}: {why}: expected a parameter")
+        if name not in COMPARED_KINDS and name not in known:
+            what = "messages of this kind are not compared" if name in KINDS else "neither has that"
+            raise InputError(
+                f"ignore={name}: {what}, expected a parameter ({', '.join(sorted(known))}) or a"
+                f" kind of message ({', '.join(COMPARED_KINDS)})"
+            )
+
+
+def check_compared(side_by_side: SideBySide, asked: Asked) -> None:
+    """Refuse two runs of which no round could be compared; InputError, OutOfOrder as for `go`.
+
+    A run that ended before its first round has nothing that could differ, and is compared.
+    """
+    readings = side_by_side.readings
+    none = any(reading.ended and not reading.spans for reading in readings)
+    if side_by_side.found.compared or (none and not asked.limited):
+        return
+    side_by_side.read_on()
+    told = [f"{reading.recording.path} has {_whole_rounds(reading)}" for reading in readings]
+    where = f"rounds={_range(asked)}: " if asked.limited else ""
+    raise InputError(f"{where}nothing to compare: {'; '.join(told)}")
+
+
+def _whole_rounds(reading: Reading) -> str:
+    """Return in words which rounds a run has."""
+    if reading.spans:
+        return rounds_text(reading.spans)
+    why = [] if reading.cut is None else [reading.cut]
+    why += [f"damaged: {problem}" for problem in reading.recording.problems[:1]]
+    return ": ".join(["no round that all modules report", *why])
+
 
 _OF_PROCESSES = re.compile(r"process_\d+")
 _RESULTS = ("ended", "rounds", "moves", "reduced_moves", "cubes", "max_cube_dimension",

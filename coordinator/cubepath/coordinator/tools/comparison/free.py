@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
-from cubepath.coordinator.tools.comparison.compared import Compared
 from cubepath.coordinator.tools.comparison.free_reasons import explain_commit
 from cubepath.coordinator.tools.comparison.free_run import Commit, CommitId, FreeRun
 from cubepath.coordinator.tools.comparison.moves import advance, compare_paths, named, states_text
@@ -21,10 +20,11 @@ from cubepath.coordinator.tools.comparison.results import (
     MoveDifference,
     Paths,
 )
+from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import Moved

@@ -10,13 +10,17 @@ from dataclasses import dataclass
 
 from cubepath.agents.rules.rule import Choice
 from cubepath.coordinator.tools.comparison.free_run import Commit, FreeRun, Shown
-from cubepath.coordinator.tools.comparison.neighbourhood import picture_of
 from cubepath.coordinator.tools.comparison.playing import Played, Player, Way, way_of
-from cubepath.coordinator.tools.comparison.reasons import NOT_BY_RULE, only_cause, value_text
+from cubepath.coordinator.tools.comparison.reasons import (
+    NOT_BY_RULE,
+    only_cause,
+    picture_of,
+    value_text,
+)
 from cubepath.coordinator.tools.comparison.results import NAMES, Cause, ChoiceDifference, Side
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Turn

@@ -22,7 +22,7 @@ from cubepath.coordinator.tools.comparison.results import (
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
 from cubepath.coordinator.verification.stages import stages_in
 from cubepath.coordinator.verification.transcript import Round, site_in
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report

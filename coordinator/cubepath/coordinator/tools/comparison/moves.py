@@ -16,12 +16,12 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.coordinator.tools.comparison.reading import action_text, cut_text
 from cubepath.coordinator.tools.comparison.results import MoveDifference, Paths
-from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
-from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.recording import Recording

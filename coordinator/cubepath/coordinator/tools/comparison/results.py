@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.catalogue import Json
 
 Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "record", "unknown"]
 """Why two choices differ.

@@ -1,9 +1,14 @@
-"""The answer of a comparison in words, from what differs on the whole down to one choice."""
+"""The answer of a comparison in words, from what differs on the whole down to one choice.
+
+What comparing two runs finds: as data, in one line, and in words for people.
+"""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from cubepath.coordinator.tools.comparison.lockstep import field_text, message_text
 from cubepath.coordinator.tools.comparison.results import (
@@ -17,8 +22,7 @@ from cubepath.coordinator.tools.comparison.results import (
     Side,
 )
 from cubepath.coordinator.verification.stages import stages_of
-from cubepath.protocol.core.control_characters import visible
-from cubepath.protocol.core.plurals import counted
+from cubepath.protocol.core.formatting import counted, visible
 
 _COLUMN = 38
 """The width of each of the two columns."""
@@ -307,3 +311,26 @@ def _paths(paths: Paths) -> Iterator[str]:
 
 def _equal(difference: str | None, word: str) -> str:
     return word if difference is None else f"not {word}: {difference}"
+
+
+@dataclass(frozen=True, slots=True)
+class Compared(Differences):
+    """Where two runs part, and why.
+
+    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
+    >>> found.same, found.choice, found.paths.cubes
+    (True, None, (19, 19))
+    """
+
+    @property
+    def answer(self) -> str:
+        """Where they part, in one line."""
+        return answer(self)
+
+    def __str__(self) -> str:
+        """Return what is found, for people."""
+        return told(self)
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath diff --json``."""
+        return asdict(self)

@@ -14,10 +14,9 @@ from math import cos, pi, sin
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from cubepath.agents.rendering.pen import Colour
+from cubepath.agents.rendering.pen import GOAL, INK, WALL, Colour
 from cubepath.agents.rendering.pictures import colours, solid_of
-from cubepath.agents.rendering.solids import Solid
-from cubepath.agents.rendering.themes import GOAL, INK, WALL
+from cubepath.agents.rendering.style import Solid
 from cubepath.coordinator.runs.states import State
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site

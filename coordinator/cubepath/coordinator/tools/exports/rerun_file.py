@@ -10,9 +10,9 @@ from importlib import import_module
 from math import cos, sin
 from typing import IO, Any
 
+from cubepath.agents.rendering.pen import INK
 from cubepath.agents.rendering.pictures import colours, solid_of
-from cubepath.agents.rendering.solids import Solid
-from cubepath.agents.rendering.themes import INK
+from cubepath.agents.rendering.style import Solid
 from cubepath.coordinator.runs.states import State, states_of
 from cubepath.coordinator.tools.exports.times import Times
 from cubepath.protocol.core.errors import InputError

@@ -18,7 +18,7 @@ from typing import Any
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.json_keys import check_keys
+from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.scenes.randomly.stream import Stream

@@ -1,0 +1,157 @@
+"""What an environment gives to its users: observations, infos, arrays, pictures and shares.
+
+The dicts of an environment in the form that PettingZoo asks for: kept ones, and infos.
+
+What the environments show of what a module sees: absolute or relative observations.
+
+It is one step behind the worlds, which know absolute observations alone; so all of them show the
+same.
+
+What an environment tells of where its modules are: their share at the goal, arrays, pictures.
+
+The same for both clocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from cubepath.agents.environments.array_world import ArrayWorld, Infos
+from cubepath.agents.local.observation import SILENT, Observation, observation_length
+from cubepath.agents.local.relative import checked_showing, relative_layout, relative_observer
+from cubepath.agents.rendering.pictures import draw_pixels
+from cubepath.agents.rendering.styles import draw_text
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, System
+
+
+class Kept:
+    """The dicts of an environment that keeps them, overwritten by every step."""
+
+    def __init__(self, world: ArrayWorld, names: list[str]) -> None:
+        self.world = world
+        self.observations = world.observations(names, copy=False)
+        self._names = names
+        self._infos: Infos = {
+            name: {"action_mask": seen["action_mask"], "illegal": False}
+            for name, seen in self.observations.items()
+        }
+        self._illegal: Sequence[int] = ()
+        self._results: tuple[float, bool, bool] = 0.0, False, False
+        self._rewards = dict.fromkeys(names, 0.0)
+        self._ended = dict.fromkeys(names, False)
+        self._cut = dict.fromkeys(names, False)
+
+    def marked(self, illegal: Sequence[int]) -> Infos:
+        """Return the infos, with these modules marked."""
+        for numbers, mark in ((self._illegal, False), (illegal, True)):
+            for module in numbers:
+                self._infos[self._names[module]]["illegal"] = mark
+        self._illegal = illegal
+        return self._infos
+
+    def results(
+        self, reward: float, *, done: bool, late: bool
+    ) -> tuple[dict[str, float], dict[str, bool], dict[str, bool]]:
+        """Return the rewards, terminations and truncations."""
+        if self._results != (reward, done, late):
+            self._results = reward, done, late
+            for name in self._names:
+                self._rewards[name], self._ended[name], self._cut[name] = reward, done, late
+        return self._rewards, self._ended, self._cut
+
+
+def infos_of(observations: dict[str, Observation], illegal: set[str]) -> Infos:
+    """Return the infos of agents with these observations, some of whose actions were illegal."""
+    return {
+        name: {"action_mask": seen["action_mask"], "illegal": name in illegal}
+        for name, seen in observations.items()
+    }
+
+
+class Shown:
+    """Turns what the modules of a scene see into what the environment shows."""
+
+    def __init__(self, scene: Scene, showing: str) -> None:
+        """Take in what modules know from birth; InputError if `showing` is no `Showing`."""
+        self._system = scene.system
+        goals = scene.goals or ((),) * len(scene.start)
+        self._observers = (
+            [relative_observer(scene.system, each) for each in goals]
+            if checked_showing(showing) == "relative"
+            else None
+        )
+
+    @property
+    def relative(self) -> bool:
+        """Return whether relative observations are shown."""
+        return self._observers is not None
+
+    def __call__(self, module: int, seen: Observation) -> Observation:
+        """Return what is shown of what a module sees, which is left as it is."""
+        if self._observers is None:
+            return seen
+        numbers = seen["observation"].astype(np.int32, copy=False)
+        return {**seen, "observation": self._observers[module].of(numbers)}
+
+    def space(self, note_length: int, *, register: bool = False) -> spaces.Dict:
+        """Return the space of what is shown, with or without a register."""
+        system = self._system
+        parts: dict[str, spaces.Space[Any]] = {
+            "observation": _absolute(system) if self._observers is None else _relative(system),
+            "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),
+        }
+        if note_length:
+            most = np.iinfo(np.int32).max
+            shape = system.reach_slots, note_length
+            parts["notes"] = spaces.Box(SILENT, most, shape, np.int32)
+            if register:
+                parts["register"] = spaces.Box(SILENT, most, (note_length,), np.int32)
+        return spaces.Dict(parts)
+
+
+def _absolute(system: System) -> spaces.Box:
+    info = np.iinfo(np.int32)
+    low = np.zeros(observation_length(system), np.int32)
+    high = np.ones(observation_length(system), np.int32)
+    low[: system.site_size] = info.min
+    high[: system.site_size] = info.max
+    high[system.site_size + 1 :: 2] = system.codes - 1
+    return spaces.Box(low, high, dtype=np.int32)
+
+
+def _relative(system: System) -> spaces.Box:
+    low = relative_layout(system).low
+    return spaces.Box(low, np.ones_like(low), dtype=np.float32)
+
+
+def share_at_goal(scene: Scene, sites: Sequence[Site]) -> float:
+    """Return the fraction of the modules at these sites that are on sites of the goal."""
+    if scene.goal is None:
+        return 0.0
+    return sum(site in scene.goal for site in sites) / len(sites)
+
+
+def state_of(scene: Scene, sites: Sequence[Site]) -> NDArray[np.int32]:
+    """Return the places of modules at these sites, int32, shape (modules, site_size)."""
+    return np.array([scene.system.encode_site(site) for site in sites], np.int32)
+
+
+def rendered(
+    scene: Scene, sites: Sequence[Site], render_mode: str | None
+) -> str | NDArray[np.uint8] | None:
+    """Draw modules at these sites as `CubepathEnv.render` describes."""
+    if render_mode == "rgb_array":
+        return draw_pixels(scene, sites)
+    if render_mode is None:
+        return None
+    text = draw_text(scene, sites)
+    if render_mode == "ansi":
+        return text
+    print(text)
+    return None

@@ -1,0 +1,149 @@
+"""Text from users, parsed with every failure as one line: TOML, `name:key=value`, keys given twice.
+
+Duplicate keys in a JSON object: parsers silently take the last one.
+
+The check is cheap: the decoded value tells how many keys the text must have, and if it has no more
+colons than that, no key is a duplicate.
+
+Names with keys, `name:key=value,...`: how scenes and plan formats are written on one line.
+
+TOML text, parsed with every failure as one line.
+
+The parser of the standard library takes quadratic time for a key of many dotted parts, so such keys
+are refused before it sees them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
+
+_COLON = re.compile(rb'"\s*:')
+_KEY_OR_BRACE = re.compile(rb'("(?:[^"\\]|\\.)*")(\s*:)?|[{}]', re.DOTALL)
+
+
+class _TwiceError(Exception):
+    pass
+
+
+def check_keys(text: bytes, least: int = 1, *, where: str | None = None) -> None:
+    """Raise InputError if a key stands twice in one object of a valid JSON text.
+
+    `least` is the number of keys that the text has at least, without duplicates. `where` precedes
+    the line number in the error, as ``FILE:``; without it only the key is named.
+    """
+    if text.count(b":") <= least or len(_COLON.findall(text)) <= least:
+        return
+    try:
+        # Numbers are not parsed, however long they are.
+        json.loads(
+            text.decode("utf-8-sig"),
+            object_pairs_hook=_distinct,
+            parse_int=len,
+            parse_float=len,
+            parse_constant=len,
+        )
+    except _TwiceError:
+        line, key = _first_twice(text)
+        place = "" if where is None else f"{where}{line}: "
+        raise InputError(f"{place}key {key} stands twice in one object, expected once") from None
+
+
+def _distinct(pairs: Sequence[tuple[str, object]]) -> None:
+    if len({key for key, _ in pairs}) < len(pairs):
+        raise _TwiceError
+
+
+def _first_twice(text: bytes) -> tuple[int, str]:
+    """Return the first key that stands twice, as JSON, and the line where it stands again."""
+    open_objects: list[set[str]] = []
+    for found in _KEY_OR_BRACE.finditer(text):
+        match found[0][:1]:
+            case b"{":
+                open_objects.append(set())
+            case b"}":
+                open_objects.pop()
+            case _ if found[2] is not None:
+                key = json.loads(found[1])
+                if key in open_objects[-1]:
+                    return text.count(b"\n", 0, found.start()) + 1, json.dumps(key)
+                open_objects[-1].add(key)
+            case _:
+                pass
+    raise AssertionError("no key stands twice")
+
+
+Keys = Mapping[str, tuple[str, str]]
+"""The keys that a name may have, each with its default and one line on it."""
+
+
+def given_values(text: str, keys: Keys, where: str) -> dict[str, str]:
+    """Return the values after the colon of a name, by key, in the order given.
+
+    Raises InputError, beginning with `where`, for a part that is not KEY=VALUE with one of the
+    keys, and for a key that stands twice.
+    """
+    given: dict[str, str] = {}
+    for part in text.split(",") if text else []:
+        key, equals, value = part.partition("=")
+        if not equals or key not in keys:
+            known = f"KEY=VALUE with a key of {', '.join(keys)}" if keys else "no keys"
+            near = did_you_mean(key, keys) if equals else ""
+            raise InputError(f"{where}: cannot read {part!r}{near}, expected {known}")
+        if key in given:
+            raise InputError(f"{where}: key {key!r} stands twice")
+        given[key] = value
+    return given
+
+
+def all_values(given: Mapping[str, str], keys: Keys) -> dict[str, str]:
+    """Return the values of all keys, in the order of `keys`: the given ones, or the defaults."""
+    return {key: given.get(key, default) for key, (default, _) in keys.items()}
+
+
+PARTS_MAX = 100
+"""The most parts of a dotted key."""
+_STRING_OR_COMMENT = re.compile(
+    r"""
+    "{3} (?: [^\\] | \\. )*? "{3,5}
+    | '{3} .*? '{3,5}
+    | " (?: [^"\\\n] | \\. )*+ "
+    | ' [^'\n]*+ '
+    | \# [^\n]*+
+    """,
+    re.DOTALL | re.VERBOSE,
+)
+# Possessive, and from the start of a part on: linear, however long the parts are.
+_LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{PARTS_MAX}}}")
+
+
+def parsed_toml(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
+    """Return the table that a TOML text holds; InputError if it is no TOML or nested too deeply."""
+    _check_keys(text)
+    try:
+        return tomllib.loads(text, parse_float=parse_float)
+    except RecursionError:
+        raise InputError("lists in lists, nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"not TOML: {error}") from None
+
+
+def _check_keys(text: str) -> None:
+    if all(line.count(".") < PARTS_MAX for line in text.split("\n")):
+        return
+    bare = _STRING_OR_COMMENT.sub(_without_dots, text)
+    found = _LONG_KEY.search(bare)
+    if found is not None:
+        line = bare.count("\n", 0, found.start()) + 1
+        raise InputError(f"line {line}: a key of more than {PARTS_MAX} parts, expected fewer")
+
+
+def _without_dots(found: re.Match[str]) -> str:
+    """Return a part of a key, as a string can be one, on as many lines; nothing for a comment."""
+    return "" if found[0][0] == "#" else "s" + "\n" * found[0].count("\n")
