@@ -18,10 +18,11 @@ IN_MEMORY = {"Heard of judge", "Status of asking", "Overheard of tap"}
 """What never leaves its process, and may hold what is no JSON."""
 ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each in all_structs()}
 OPEN = {
-    *("messages", "free_messages", "names", "join_messages", "about", "asking", "commits"),
+    *("messages", "free_messages", "membership", "asking"),
+    *("GeneratorPlacement of catalogue", "Released of free_gatherer"),
     *("PlayerStatus of orders", "Position of orders", "Refusal of orders"),
     *("counts", "cgshop2021", "cgshop2026", "_Other of certificates"),
-    *("_FreeHead of losses", "Head of losses", "_Rounded of logged", "_Numbered of reel"),
+    *("_FreeHead of losses", "Head of losses", "_Rounded of logged", "_Numbered of timeline"),
 }
 """What takes fields that are not known, by module or name.
 
@@ -40,7 +41,7 @@ READ_IN_PART: dict[str, dict[str, str]] = {
         ("ask", "pass", "tell", "shows", "turns", "rest", "tail"), "birth said"
     ),
     "_Rounded of logged": dict.fromkeys(KINDS, "round"),
-    "_Numbered of reel": {**dict.fromkeys(KINDS, "round"), "moved": "level"},
+    "_Numbered of timeline": {**dict.fromkeys(KINDS, "round"), "moved": "level"},
 }
 """Structs that take some fields out of messages: from which kinds, and which fields."""
 

@@ -1,15 +1,11 @@
 """Drawing tools: the colours of modules, and a pen for shapes, lines and words on a canvas.
 
-A canvas is what the pen draws on: matplotlib's axes (`axes_canvas`), or a list of what was drawn
+A canvas is what the pen draws on: matplotlib's axes (`pictures`), or a list of what was drawn
 (`backdrop`).
 
 The colours of pictures but for those of modules, and what stands for them on dark ground.
 
-Pure data.
-
 The meaning of marks in a picture, for its legend: outlines, traces, rings, bands, obstacles.
-
-Pure functions.
 """
 
 from __future__ import annotations

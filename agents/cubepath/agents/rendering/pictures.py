@@ -4,9 +4,6 @@ It only draws what it is given. matplotlib is imported only when something is dr
 through its objects: no pyplot, so no window and no global state.
 
 A canvas to draw on: matplotlib's axes.
-
-matplotlib is imported only when something is drawn, and only through its objects: no pyplot, so no
-window and no global state.
 """
 
 from __future__ import annotations

@@ -1,15 +1,11 @@
 """Styles of pictures: how a scene is written as text, framed and drawn.
 
-Pure functions.
-
 Solids: where modules are, and what they look like, for viewers in three dimensions.
 
 Pure functions. Pictures lie in the plane; a solid is what stands there, with a height, and its
 style says which: the same middles and ends as in a picture.
 
 Positions in a picture, for both text and drawings.
-
-Pure functions.
 """
 
 from __future__ import annotations

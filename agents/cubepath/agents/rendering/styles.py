@@ -1,7 +1,5 @@
 """The styles of pictures by name: the values that a system's `drawing` may have.
 
-Pure functions.
-
 Pictures of the modules as text: the "ansi" render mode.
 
 It only draws what it is given.

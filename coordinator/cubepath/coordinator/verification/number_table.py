@@ -3,8 +3,6 @@
 Part of `cubepath verify`.
 
 The commits of a run without rounds, some fifty bytes each.
-
-Part of `cubepath verify`.
 """
 
 from __future__ import annotations

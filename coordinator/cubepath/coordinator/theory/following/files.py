@@ -4,11 +4,7 @@ They are checked by code that shares nothing with what computed them before anyb
 
 Reading plans of vehicles with the planner's rounds.
 
-It touches only the files it is given.
-
 The proof that no timetable in which vehicles follow is shorter, as a file.
-
-But the log of a solver, which it reads.
 """
 
 from __future__ import annotations

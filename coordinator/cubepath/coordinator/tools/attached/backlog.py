@@ -4,8 +4,6 @@ The queue is filled without Python, whose threads would otherwise take turns at 
 fills a full one waits, so publishers that block are held up by the link.
 
 The last seconds of what was heard, bounded: the oldest go first.
-
-It touches no file and no network.
 """
 
 from __future__ import annotations
