@@ -228,7 +228,12 @@ class _SameExamples:
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionstart(self) -> None:
-        """Change the profile that conftest.py has chosen, before tests are imported."""
+        """Change the profile that conftest.py has chosen, before tests are imported.
+
+        pytest has put its own finder before that of the mutant, and takes every module below the
+        folder of the plugin: the mutant must be asked first.
+        """
+        sys.meta_path.sort(key=lambda finder: not isinstance(finder, _MutantFinder))
         own = hypothesis.settings(hypothesis.settings.default, derandomize=True, database=None)
         hypothesis.settings.register_profile("mutants", own)
         hypothesis.settings.load_profile("mutants")

@@ -16,6 +16,7 @@ from mutation import MIRRORED, fixed_mutants, located
 from mutators import mutations
 
 ACTIONS = "protocol/cubepath/protocol/core/actions.py"
+HEAP = "coordinator/cubepath/coordinator/normal_form/heap.py"
 DEALING = "agents/cubepath/agents/processes/dealing.py"
 
 
@@ -131,10 +132,11 @@ def test_each_mutant_of_the_fixed_list_has_one_place() -> None:
 
 
 @pytest.mark.thorough
-def test_a_sample_is_found_and_no_file_is_touched() -> None:
+@pytest.mark.parametrize("file", [ACTIONS, HEAP])
+def test_a_sample_is_found_and_no_file_is_touched(file: str) -> None:
     """The same report for the same seed: how many are found, by file, and what survives."""
-    before = (ROOT / ACTIONS).read_bytes()
-    command = [sys.executable, "tests/mutation.py", "--only", ACTIONS, "--sample", "3"]
+    before = (ROOT / file).read_bytes()
+    command = [sys.executable, "tests/mutation.py", "--only", file, "--sample", "3"]
     reports = []
     for processes in ("1", "2"):
         done = subprocess.run(
@@ -145,11 +147,11 @@ def test_a_sample_is_found_and_no_file_is_touched() -> None:
     assert reports[0] == reports[1]
     first, *survivors, last = reports[0].splitlines()
     found = 3 - len(survivors)
-    assert first == f"{found:4} of    3 found  {ACTIONS}"
-    assert all(line.startswith(f"{ACTIONS}:") and "  ->  " in line for line in survivors)
+    assert first == f"{found:4} of    3 found  {file}"
+    assert all(line.startswith(f"{file}:") and "  ->  " in line for line in survivors)
     assert last.startswith(f"{found} of 3 mutants found, ")
     assert found >= 2
-    assert (ROOT / ACTIONS).read_bytes() == before
+    assert (ROOT / file).read_bytes() == before
 
 
 @pytest.mark.thorough
