@@ -86,7 +86,7 @@ def _parser(called: str = "") -> argparse.ArgumentParser:
         " is shortened to the fastest parallel schedule in its homotopy class.",
     )
     parser.add_argument(
-        "--version", action=_Version, nargs=0, help="show the program's version and exit"
+        "--version", action=_Version, nargs=0, help="show program's version number and exit"
     )
     parser.set_defaults(command=_help)
     commands = parser.add_subparsers(metavar="COMMAND")
