@@ -23,6 +23,7 @@ from cubepath.coordinator.commands.console import (
     Interrupts,
     complain,
     prepare_streams,
+    say,
 )
 from cubepath.coordinator.commands.usage import Parser
 from cubepath.coordinator.plugins import COMMANDS, add_commands_of
@@ -121,5 +122,5 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from importlib.metadata import version  # noqa: PLC0415
 
-        print(f"cubepath {version('cubepath')}")
+        say(f"cubepath {version('cubepath')}")
         parser.exit()
