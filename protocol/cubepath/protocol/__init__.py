@@ -5,17 +5,7 @@ their parts, the one definition of admissible and of commuting, files of moves, 
 and durations, plans of other planners, recordings, and the errors. Inside the project, names are
 imported from the modules that define them.
 
-| room | holds | may import |
-|---|---|---|
-| `core` | sites, actions, catalogues, `System` and `Scene`, errors | none |
-| `systems` | kinds of systems: on a lattice, on a graph, listed, flips | `core` |
-| `path_files` | files of moves, cubes, schedules, durations, certificates | `core` |
-| `scenes` | scenes by name or from TOML, the families of scenes | `systems`, `core` |
-| `wire` | messages, key expressions, sessions | `path_files`, `core` |
-| `recordings` | the recording format in MCAP | `wire`, `scenes`, `core` |
-| `plans` | plans of other planners | `path_files`, `scenes`, `systems`, `core` |
-
-Two modules belong to no room: `faces`, which builds every face, and `compiled`, which all may use.
+Every package may use two modules: `faces`, which builds the faces, and `compiled`.
 """
 
 from cubepath.protocol.faces import lazy_face

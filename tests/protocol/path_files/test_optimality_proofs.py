@@ -18,7 +18,6 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.path_files.optimality_proofs import (
     FIRST_LINE,
-    LOG_BYTES,
     Group,
     Ladder,
     OptimalityProof,
@@ -26,6 +25,7 @@ from cubepath.protocol.path_files.optimality_proofs import (
     read_proof,
     write_proof,
 )
+from cubepath.protocol.path_files.proof_blocks import LOG_BYTES
 
 STEP = Action([1, (2, "x"), "f"], [1, (2, "x")], [1], [(2, "x")], free=["f"])
 GUARDED = Action([1, 2, 3, 4], [1, 2], [1], [2], guards=[(3, 4)])

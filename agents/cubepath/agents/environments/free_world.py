@@ -37,7 +37,7 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.tiles import Tiles
 
 _LAG = 2
-"""What a stream of random numbers is for, beside those of `streams`."""
+"""What a stream of random numbers is for, beside those of `actor`."""
 
 
 @dataclass(frozen=True, slots=True)

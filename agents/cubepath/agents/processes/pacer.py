@@ -4,7 +4,7 @@ A pure machine, like the node of a module process: `Fleet` carries its effects o
 decides nothing for a module and carries nothing between them but how many messages were said to
 each region. A phase is over when every process has answered and everything that it said in the
 phase has arrived here too, so that the record is whole; what is missing is asked for again. What
-comes in is judged; what is refused changes nothing, and is told of on record (`refusals`).
+comes in is judged; what is refused changes nothing, and is told of on record (`Refusals`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The random streams of many modules in arrays: the same draws as numpy's, in compiled code.
 
 A stream is a row of six numbers, see `Streams`. `streams_of` makes for all modules of all
-environments what `streams.stream` makes for one, and draws from a row are those that numpy's
+environments what `actor.stream` makes for one, and draws from a row are those that numpy's
 `Generator` makes from the same state.
 
 Sources: M. O'Neill, PCG: A family of simple fast space-efficient statistically good algorithms for

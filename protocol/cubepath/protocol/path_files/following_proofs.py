@@ -1,8 +1,8 @@
 """Proofs about vehicles that may follow: no timetable has so few rounds, and here is one with more.
 
 It touches only the file that it is given. This is the format, described in docs/following.md, of
-blocks as `proof_blocks` writes them. What a proof proves is decided in the coordinator, by
-`cubepath.coordinator.verification`, which shares only this module with the code that makes proofs.
+blocks as `proof_blocks` writes them. What a proof proves is decided by
+`proof_checking` of `theory`, which shares only this module with the code that makes proofs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.path_files.optimality_proofs import BlockReader, BlockWriter, Standing
+from cubepath.protocol.path_files.optimality_proofs import Standing
+from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
 
 FIRST_LINE = b"cubepath following proof 1\n"
 _Number = Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)]

@@ -1,7 +1,7 @@
 """Recordings cut to other recordings: messages taken out, and the file split into parts.
 
-Messages keep their bytes, their times and their numbers, by which `merging` puts them together
-again. What is cut says so in its parameters.
+Messages keep their bytes, their times and their numbers, by which `merge_recordings` puts them
+together again. What is cut says so in its parameters.
 
 Recordings of one run put together: parts of one file, or what several recorders have heard.
 

@@ -2,8 +2,8 @@
 
 Three steps, each exact, each keeping the complex up to chain homotopy equivalence over Z:
 
-1. *Discrete Morse matching by coreductions* on sparse arrays (`morse_matching`); then again on the
-   Morse complex (`morse_paths`), as long as it shrinks. Linear in the number of incidences, apart
+1. *Discrete Morse matching by coreductions* on sparse arrays (`morse`); then again on the
+   Morse complex, as long as it shrinks. Linear in the number of incidences, apart
    from following the paths between critical cells.
    Sources: Mrozek and Batko, *Coreduction homology algorithm* (2009); Forman, *Morse theory for
    cell complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,

@@ -1,6 +1,6 @@
 """Checking a timetable of vehicles that follow one another against its input.
 
-The timetable is carried out by the definition of its rule (`following_rules`). If it is of the
+The timetable is carried out by the definition of its rule (see below). If it is of the
 moves of its input, the visits of every vertex must come in the order of the plan, and for every
 move the inequality that binds it must hold with equality; so by induction along those inequalities
 no move can be earlier. Nothing here is shared with what computes timetables.

@@ -1,7 +1,7 @@
 """Checking a proof about vehicles that may follow: no timetable has fewer rounds than this one.
 
 Part of `cubepath verify`. Variables and clauses are derived again from the graph
-(`following_clauses`), each lemma of the log is followed, and the timetable is carried out by the
+(see below), each lemma of the log is followed, and the timetable is carried out by the
 definition of its rule. Nothing is shared with the code that makes proofs but the format of the
 file.
 

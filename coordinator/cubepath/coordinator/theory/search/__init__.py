@@ -2,5 +2,5 @@
 
 It takes a system, two states and a path between them; it knows nothing of files and messages. It
 imports `complexes`, to find out whether there is only one class, `satisfiability`, to ask for
-shorter windows of a path, and `normal_form`. `shortening` uses it.
+shorter windows of a path, and `normal_form`. `optimality` uses it.
 """
