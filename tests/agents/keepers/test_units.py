@@ -6,6 +6,7 @@ from random import Random
 
 import pytest
 
+from cubepath.agents.keepers.attempts import Share
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.rules.attempting import attempt_of
@@ -124,6 +125,25 @@ def test_keepers_come_to_the_same_state_as_the_moves(spec: str) -> None:
         assert run.keepers[me].units.serials == before.serials
     _agree(run, sites)
     assert all(decision.moved is not None for decision in run.told)
+
+
+@pytest.mark.parametrize(
+    ("version", "reads", "why"),
+    [
+        (0, None, None),
+        (0, 0, None),
+        (1, None, "has version 0, read 0 times, expected version 1"),
+        (0, 2, "has version 0, read 0 times, expected version 0, read 2 times"),
+    ],
+)
+def test_a_move_of_a_schedule_waits_for_its_versions(
+    version: int, reads: int | None, why: str | None
+) -> None:
+    """A unit at another version, or read another number of times, keeps an attempt from commit."""
+    run = Together("hex:n=4", 1)
+    unit = run.scene.start[0]
+    share = Share((), (), (), (), (), ((unit, version, reads),), frozenset(), frozenset())
+    assert run.keepers[0].units.why_not(share) == (why and f"{unit!r} {why}")
 
 
 def _agree(run: Together, sites: list[Site]) -> None:
