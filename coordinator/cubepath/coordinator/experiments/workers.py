@@ -102,6 +102,10 @@ class Pool:
                 if process.is_alive():
                     process.kill()
                     process.join()
+            # One that was ended while it sent an answer leaves half of it. The thread that reads
+            # answers waits for the rest for as long as anybody, this process too, could write it.
+            private: Any = executor
+            private._result_queue._writer.close()  # noqa: SLF001 - there is no public way to it
         # It waits for the thread that reaps them, too: until then one may look alive that is not.
         executor.shutdown(wait=True, cancel_futures=at_once)
 
