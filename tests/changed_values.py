@@ -18,8 +18,7 @@ import traceback
 from argparse import ArgumentParser
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from dataclasses import replace as with_fields
+from dataclasses import dataclass, field, replace as with_fields
 from functools import cache
 from importlib import import_module
 from multiprocessing import get_context

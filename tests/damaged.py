@@ -17,8 +17,7 @@ from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.recordings.mcap_file import Stored
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
-from cubepath.protocol.recordings.salvaging import Message as FoundMessage
-from cubepath.protocol.recordings.salvaging import messages_in, salvage
+from cubepath.protocol.recordings.salvaging import Message as FoundMessage, messages_in, salvage
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode

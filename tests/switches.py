@@ -11,18 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, pi, sin
 from typing import Any, ClassVar, Self
 
-from cubepath.protocol import (
-    Action,
-    Bound,
-    Family,
-    InputError,
-    Move,
-    Scene,
-    Site,
-    State,
-    System,
-    Ways,
-)
+from cubepath.protocol import Action, Family, InputError, Move, Scene, Site, State, System
+from cubepath.protocol.core.system import Bound, Ways
 
 LETTERS = ("off", "on")
 FIRST_CODE = 4

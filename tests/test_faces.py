@@ -20,7 +20,8 @@ import cubepath.agents
 import cubepath.coordinator
 import cubepath.protocol
 from cubepath.agents import RuleType
-from cubepath.coordinator import Shortened, StateComplex
+from cubepath.coordinator import Shortened
+from cubepath.coordinator.theory.complexes.state_complexes import StateComplex
 from cubepath.protocol import Action, Scene
 from faces import FACES, ROOT, offered, packages, sources
 

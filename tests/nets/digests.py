@@ -29,7 +29,21 @@ from words import compared, parser, plain, text_of, write
 import cubepath.agents as agents  # noqa: PLR0402 - pyright sees no other
 import cubepath.coordinator as coordinator  # noqa: PLR0402 - pyright sees no other
 import cubepath.protocol as protocol  # noqa: PLR0402 - pyright sees no other
+from cubepath.agents.environments.free_environment import FreeEnv
+from cubepath.coordinator.normal_form.definitions import is_normal
+from cubepath.coordinator.normal_form.timetable import durations_of
+from cubepath.coordinator.theory.complexes.collapses import contractibility
+from cubepath.coordinator.theory.complexes.links import actions_at, unfilled
+from cubepath.coordinator.theory.following.optimum import fewest_rounds
+from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
+from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol import Action, InputError, PathMove, Scene, Site
+from cubepath.protocol.core.actions import why_inadmissible
+from cubepath.protocol.core.sites import in_order
+from cubepath.protocol.path_files.certificates import write_certificate
+from cubepath.protocol.path_files.durations import Durations
+from cubepath.protocol.plans.formats import PlanHints
+from cubepath.protocol.scenes.toml import scene_from_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = {
@@ -80,7 +94,7 @@ def scene_of(spec: str) -> Scene:
 
 
 def states(found: Iterable[Iterable[Site]]) -> list[Any]:
-    return [plain(protocol.in_order(state)) for state in found]
+    return [plain(in_order(state)) for state in found]
 
 
 @cache
@@ -88,7 +102,7 @@ def walk(spec: str, seed: int) -> tuple[list[Action], list[frozenset[Site]]]:
     """Return a random path that turns back here and there, and its states."""
     random, scene = Random(f"{spec}/{seed}"), scene_of(spec)  # noqa: S311 - not for secrets
     path, passed = list[Action](), [frozenset(scene.start_state)]
-    while len(path) < 30 and (possible := coordinator.actions_at(scene, passed[-1])):
+    while len(path) < 30 and (possible := actions_at(scene, passed[-1])):
         turns = bool(path) and random.random() < 0.2
         path.append(path[-1] if turns else random.choice(possible))
         passed.append(protocol.apply(path[-1], passed[-1]))
@@ -107,7 +121,7 @@ def scene_(spec: str) -> Any:
     return {
         "family": scene.family,
         "table": plain(system.to_table()),
-        "again": protocol.scene_from_toml(protocol.scene_to_toml(scene), spec).start == scene.start,
+        "again": scene_from_toml(protocol.scene_to_toml(scene), spec).start == scene.start,
         "start": plain(scene.start),
         "state": states([scene.start_state]),
         "goal": None if scene.goal is None else states([scene.goal]),
@@ -123,10 +137,10 @@ def walk_(spec: str, seed: int) -> Any:
     scene = scene_of(spec)
     return {
         "states": states(passed),
-        "admissible": [plain(coordinator.actions_at(scene, state)) for state in passed[::3]],
-        "unfilled": plain(coordinator.unfilled(scene, passed[-1])),
+        "admissible": [plain(actions_at(scene, state)) for state in passed[::3]],
+        "unfilled": plain(unfilled(scene, passed[-1])),
         "commute": "".join(str(int(protocol.commute(a, b))) for a in path for b in path[:9]),
-        "why": [protocol.why_inadmissible(action, passed[0]) for action in path],
+        "why": [why_inadmissible(action, passed[0]) for action in path],
     }
 
 
@@ -161,11 +175,11 @@ def path_(spec: str, seed: int) -> Any:
     changed = (*proof.cubes[1:], *proof.cubes[:1])
     with tempfile.TemporaryDirectory() as folder:
         certificate = Path(folder, "path.certificate")
-        protocol.write_certificate(certificate, proof)
+        write_certificate(certificate, proof)
         written = lines(certificate)
     return {
         "cubes": plain(cubes),
-        "normal": [coordinator.is_normal(cubes), coordinator.is_normal([[a] for a in path])],
+        "normal": [is_normal(cubes), is_normal([[a] for a in path])],
         "end": states([coordinator.end_state(cubes, passed[0])]),
         "certificate": plain(proof),
         "file": written,
@@ -184,7 +198,7 @@ def of_file(moves: Sequence[PathMove], spec: str | None) -> Any:
         found = coordinator.shorten(given, system=spec)
         protocol.write_cubes(cubes, found.named)
         read = protocol.read_moves(given, None if spec is None else scene_of(spec))
-        durations = coordinator.durations_of(moves, protocol.Durations(Fraction(3, 2), {}, {}))
+        durations = durations_of(moves, Durations(Fraction(3, 2), {}, {}))
         return {
             "file": lines(given),
             "read": plain([each.action for each in read]),
@@ -227,7 +241,7 @@ def complex_(spec: str) -> Any:
         "faces": plain(found.faces),
         "cubes": plain([built.bases, built.actions]),
         "homology": plain([groups.betti, groups.torsion, groups.betti_z2, groups.critical]),
-        "contractible": coordinator.contractibility(found, groups),
+        "contractible": contractibility(found, groups),
         "links": [links.checked, links.failures, links.npc, plain(links.failing)],
         "collapse": plain([left.left, left.steps]),
         "surface": coordinator.surface(found).name,
@@ -249,7 +263,7 @@ def search_(spec: str, seed: int) -> Any:
     path, passed = walk(spec, seed)
     scene, start, end = scene_of(spec), passed[0], passed[-1]
     better = coordinator.improve(path, start, scene.system, iterations=60, seed=seed)
-    steps = coordinator.Transitions(scene.system)
+    steps = Transitions(scene.system)
     exact = coordinator.optimum(steps, steps.encode(start), steps.encode(end), max_states=2000)
     cubes = [[steps.actions[number] for number in cube] for cube in exact.cubes or ()]
     return {
@@ -279,14 +293,14 @@ def proof_(spec: str) -> Any:
     }
 
 
-def given_with(name: str) -> tuple[Path, str | None, protocol.PlanHints]:
+def given_with(name: str) -> tuple[Path, str | None, PlanHints]:
     """Return a plan's file, its system and its companions."""
     path = ROOT / "tests/data" / name
     more = next(key for key, names in PLANS.items() if name in names)
     form = "cgshop2026:triangulation=1" if "kite" in name else None
     companions = (path.parent / more,) if (path.parent / more).is_file() else ()
     system = more if "=" in more else None
-    return path, system, protocol.PlanHints(format=form, companions=companions)
+    return path, system, PlanHints(format=form, companions=companions)
 
 
 def plan_(name: str) -> Any:
@@ -313,7 +327,7 @@ def following_(name: str, rule: Any) -> Any:
     fewest: Any = None
     if len(plan.starts) < 13:
         within = min(plan.rounds or 99, int(found.makespan))
-        best = coordinator.fewest_rounds(plan, rule, within=within, seconds=600)
+        best = fewest_rounds(plan, rule, within=within, seconds=600)
         fewest = [
             best.rounds,
             best.lower_bound,
@@ -333,7 +347,7 @@ def following_(name: str, rule: Any) -> Any:
 
 
 def paper_() -> Any:
-    rows = coordinator.compute_claims(coordinator.all_claims())
+    rows = compute_claims(all_claims())
     return [document(row.document()) | {"expected": row.as_expected} for row in rows]
 
 
@@ -372,7 +386,7 @@ def vector_(spec: str, showing: Any) -> Any:
 
 def free_(spec: str, scheduler: str) -> Any:
     random = Random(f"{spec}/free")  # noqa: S311 - not for secrets
-    env = agents.FreeEnv(spec, scheduler=scheduler, max_cycles=10, note_length=1, lag=3)
+    env = FreeEnv(spec, scheduler=scheduler, max_cycles=10, note_length=1, lag=3)
     env.reset(seed=2)
     happened = list[Any]()
     while not any([*env.truncations.values(), *env.terminations.values()]) and len(happened) < 60:

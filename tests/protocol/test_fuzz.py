@@ -7,8 +7,7 @@ from random import Random
 from unittest import mock
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import fuzzed_files
 from fuzzed_files import FILES, refusal

@@ -1,209 +1,71 @@
 from cubepath.coordinator.auditing.recording import audit as audit
-from cubepath.coordinator.experiments.instances import (
-    StandardInstance as StandardInstance,
-)
-from cubepath.coordinator.experiments.instances import (
-    standard as standard,
-)
+from cubepath.coordinator.experiments.instances import standard as standard
 from cubepath.coordinator.experiments.report import Report as Report
-from cubepath.coordinator.experiments.report import write_report as write_report
-from cubepath.coordinator.experiments.setting import FaultRates as FaultRates
-from cubepath.coordinator.experiments.spec import Sweep as Sweep
-from cubepath.coordinator.experiments.sweeping import (
-    SweepResults as SweepResults,
-)
-from cubepath.coordinator.experiments.sweeping import (
-    read_sweep as read_sweep,
-)
-from cubepath.coordinator.experiments.sweeping import (
-    sweep as sweep,
-)
+from cubepath.coordinator.experiments.sweeping import read_sweep as read_sweep, sweep as sweep
 from cubepath.coordinator.normal_form.certificate import certificate_of as certificate_of
-from cubepath.coordinator.normal_form.definitions import (
-    end_state as end_state,
-)
-from cubepath.coordinator.normal_form.definitions import (
-    is_cube as is_cube,
-)
-from cubepath.coordinator.normal_form.definitions import (
-    is_normal as is_normal,
-)
+from cubepath.coordinator.normal_form.definitions import end_state as end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path as normal_cube_path
-from cubepath.coordinator.normal_form.timetable import (
-    Timetable as Timetable,
-)
-from cubepath.coordinator.normal_form.timetable import (
-    durations_of as durations_of,
-)
-from cubepath.coordinator.normal_form.timetable import (
-    earliest as earliest,
-)
+from cubepath.coordinator.normal_form.timetable import earliest as earliest
 from cubepath.coordinator.playback.comparing import Replayed as Replayed
 from cubepath.coordinator.playback.orders import PlayerStatus as PlayerStatus
-from cubepath.coordinator.playback.orders import Position as Position
-from cubepath.coordinator.playback.player import Player as Player
-from cubepath.coordinator.playback.player import replay as replay
-from cubepath.coordinator.runs.asking import Status as Status
+from cubepath.coordinator.playback.player import Player as Player, replay as replay
 from cubepath.coordinator.runs.asking import ask as ask
 from cubepath.coordinator.runs.contents import info as info
 from cubepath.coordinator.runs.continuing import what_if as what_if
-from cubepath.coordinator.runs.drawing import Sheet as Sheet
-from cubepath.coordinator.runs.drawing import run_picture as run_picture
-from cubepath.coordinator.runs.films import animate as animate
-from cubepath.coordinator.runs.gatherer import Gatherer as Gatherer
+from cubepath.coordinator.runs.drawing import Sheet as Sheet, run_picture as run_picture
 from cubepath.coordinator.runs.gathering import gathered as gathered
-from cubepath.coordinator.runs.launch import run as run
-from cubepath.coordinator.runs.launch import start as start
-from cubepath.coordinator.runs.live import (
-    Divergence as Divergence,
-)
-from cubepath.coordinator.runs.live import (
-    LiveReplay as LiveReplay,
-)
-from cubepath.coordinator.runs.live import (
-    replay_live as replay_live,
-)
+from cubepath.coordinator.runs.launch import run as run, start as start
+from cubepath.coordinator.runs.live import LiveReplay as LiveReplay, replay_live as replay_live
 from cubepath.coordinator.runs.outcome import Outcome as Outcome
 from cubepath.coordinator.runs.plan import Plan as Plan
-from cubepath.coordinator.runs.running import Running as Running
-from cubepath.coordinator.runs.side_by_side import animate_beside as animate_beside
-from cubepath.coordinator.runs.tap import Overheard as Overheard
-from cubepath.coordinator.runs.tap import Tap as Tap
-from cubepath.coordinator.shortening.conversion import Converted as Converted
 from cubepath.coordinator.shortening.conversion import convert as convert
-from cubepath.coordinator.shortening.normal_path import Shortened as Shortened
-from cubepath.coordinator.shortening.normal_path import shorten as shorten
+from cubepath.coordinator.shortening.normal_path import Shortened as Shortened, shorten as shorten
 from cubepath.coordinator.shortening.path_input import PathInput as PathInput
-from cubepath.coordinator.theory.complexes.collapses import (
-    Collapsed as Collapsed,
-)
-from cubepath.coordinator.theory.complexes.collapses import (
-    collapse as collapse,
-)
-from cubepath.coordinator.theory.complexes.collapses import (
-    contractibility as contractibility,
-)
-from cubepath.coordinator.theory.complexes.cubical_complex import (
-    CubicalComplex as CubicalComplex,
-)
-from cubepath.coordinator.theory.complexes.cubical_complex import (
-    complex_from_faces as complex_from_faces,
-)
-from cubepath.coordinator.theory.complexes.drawing import draw_complex as draw_complex
-from cubepath.coordinator.theory.complexes.exploration import Explored as Explored
+from cubepath.coordinator.theory.complexes.collapses import collapse as collapse
+from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex as CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore as explore
-from cubepath.coordinator.theory.complexes.export import (
-    to_networkx as to_networkx,
-)
-from cubepath.coordinator.theory.complexes.export import (
-    write_complex as write_complex,
-)
-from cubepath.coordinator.theory.complexes.homology_groups import (
-    Homology as Homology,
-)
-from cubepath.coordinator.theory.complexes.homology_groups import (
-    homology as homology,
-)
-from cubepath.coordinator.theory.complexes.links import Links as Links
-from cubepath.coordinator.theory.complexes.links import actions_at as actions_at
+from cubepath.coordinator.theory.complexes.export import to_networkx as to_networkx
+from cubepath.coordinator.theory.complexes.homology_groups import homology as homology
 from cubepath.coordinator.theory.complexes.links import check_links as check_links
-from cubepath.coordinator.theory.complexes.links import unfilled as unfilled
-from cubepath.coordinator.theory.complexes.macros import (
-    Lift as Lift,
-)
-from cubepath.coordinator.theory.complexes.macros import (
-    Macro as Macro,
-)
-from cubepath.coordinator.theory.complexes.macros import (
-    lift as lift,
-)
-from cubepath.coordinator.theory.complexes.macros import (
-    macro as macro,
-)
-from cubepath.coordinator.theory.complexes.shape_complexes import (
-    ShapeComplex as ShapeComplex,
-)
-from cubepath.coordinator.theory.complexes.shape_complexes import (
-    shape_complex as shape_complex,
-)
-from cubepath.coordinator.theory.complexes.state_complexes import (
-    StateComplex as StateComplex,
-)
+from cubepath.coordinator.theory.complexes.macros import lift as lift, macro as macro
+from cubepath.coordinator.theory.complexes.shape_complexes import shape_complex as shape_complex
 from cubepath.coordinator.theory.complexes.state_complexes import (
     f_vector as f_vector,
-)
-from cubepath.coordinator.theory.complexes.state_complexes import (
     state_complex as state_complex,
 )
-from cubepath.coordinator.theory.complexes.surfaces import Surface as Surface
 from cubepath.coordinator.theory.complexes.surfaces import surface as surface
-from cubepath.coordinator.theory.following.files import fewest_rounds_proof as fewest_rounds_proof
-from cubepath.coordinator.theory.following.files import read_vehicle_plan as read_vehicle_plan
-from cubepath.coordinator.theory.following.files import timetable_file as timetable_file
-from cubepath.coordinator.theory.following.optimum import (
-    FewestRounds as FewestRounds,
-)
-from cubepath.coordinator.theory.following.optimum import (
-    fewest_rounds as fewest_rounds,
-)
-from cubepath.coordinator.theory.following.timetable import (
-    FollowingTimetable as FollowingTimetable,
+from cubepath.coordinator.theory.following.files import (
+    read_vehicle_plan as read_vehicle_plan,
+    timetable_file as timetable_file,
 )
 from cubepath.coordinator.theory.following.timetable import (
     following_timetable as following_timetable,
 )
-from cubepath.coordinator.theory.optimality.beyond import Beyond as Beyond
 from cubepath.coordinator.theory.optimality.beyond import beyond as beyond
-from cubepath.coordinator.theory.optimality.tasks import Task as Task
 from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
-from cubepath.coordinator.theory.paper.claims import (
-    all_claims as all_claims,
-)
-from cubepath.coordinator.theory.paper.claims import (
-    compute_claims as compute_claims,
-)
 from cubepath.coordinator.theory.paper.registry import Claim as Claim
-from cubepath.coordinator.theory.paper.registry import Row as Row
 from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
-from cubepath.coordinator.theory.proof_checking.following_proof import (
-    ProvedFewest as ProvedFewest,
-)
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds as check_fewest_rounds,
 )
 from cubepath.coordinator.theory.proof_checking.optimality import (
-    ProvedOptimal as ProvedOptimal,
-)
-from cubepath.coordinator.theory.proof_checking.optimality import (
     check_optimality as check_optimality,
 )
-from cubepath.coordinator.theory.search.anytime import Improved as Improved
 from cubepath.coordinator.theory.search.anytime import improve as improve
-from cubepath.coordinator.theory.search.exact import Optimum as Optimum
 from cubepath.coordinator.theory.search.exact import optimum as optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
 from cubepath.coordinator.theory.search.simply_connected import only_class as only_class
-from cubepath.coordinator.theory.search.transitions import Transitions as Transitions
-from cubepath.coordinator.tools.attached.recorder import Recorder as Recorder
 from cubepath.coordinator.tools.attached.recorder import record as record
 from cubepath.coordinator.tools.comparison.comparing import diff as diff
 from cubepath.coordinator.tools.comparison.told import Compared as Compared
-from cubepath.coordinator.tools.exports.exporting import Exported as Exported
 from cubepath.coordinator.tools.exports.exporting import export as export
 from cubepath.coordinator.tools.live.elsewhere import watch_run as watch_run
 from cubepath.coordinator.tools.live.watching import Live as Live
-from cubepath.coordinator.tools.viewing.pages import page_document as page_document
-from cubepath.coordinator.tools.viewing.pages import run_page as run_page
+from cubepath.coordinator.tools.viewing.pages import (
+    page_document as page_document,
+    run_page as run_page,
+)
 from cubepath.coordinator.tools.viewing.shown import Shown as Shown
 from cubepath.coordinator.verification.certificate import check_certificate as check_certificate
-from cubepath.coordinator.verification.findings import Verification as Verification
 from cubepath.coordinator.verification.proof import check_proof as check_proof
-from cubepath.coordinator.verification.recording import (
-    Recovered as Recovered,
-)
-from cubepath.coordinator.verification.recording import (
-    recover as recover,
-)
-from cubepath.coordinator.verification.recording import (
-    verify as verify,
-)
+from cubepath.coordinator.verification.recording import recover as recover, verify as verify

@@ -23,7 +23,8 @@ from pettingzoo.test import (
 )
 
 import cubepath.agents
-from cubepath.agents import CubepathEnv, env, parallel_env
+from cubepath.agents import env, parallel_env
+from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from pettingzoo.test import api_test, seed_test
 
-import cubepath.agents
-from cubepath.agents import Choice, FreeEnv, env
-from cubepath.agents.environments.free_environment import Unfair, scheduler_named
+from cubepath.agents import Choice, env
+from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.free_environment import FreeEnv, Unfair, scheduler_named
 from cubepath.agents.environments.free_world import FreeWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -190,7 +190,7 @@ def test_it_draws_as_with_rounds(mode: str) -> None:
     """The same picture of the same sites; the state alike."""
     one, other = free("hex:n=4", render_mode=mode), env("hex:n=4", render_mode=mode)
     other.reset(seed=1)
-    rounds = cubepath.agents.CubepathEnv("hex:n=4", render_mode=mode)
+    rounds = CubepathEnv("hex:n=4", render_mode=mode)
     rounds.reset(seed=1)
     assert np.array_equal(np.asarray(one.render()), np.asarray(rounds.render()))
     assert np.array_equal(one.state(), rounds.state())

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
-from cubepath.agents import Choice, FreeEnv, InitialKnowledge, Rule, RuleType, View
-from cubepath.agents import env as in_turns
+from cubepath.agents import Choice, InitialKnowledge, Rule, RuleType, View, env as in_turns
 from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.playing import play
 from cubepath.agents.local.relative import Showing

@@ -17,8 +17,14 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import addressees
-from cubepath.protocol.wire.messages import Claim, Here, Message, Report, Verdict
-from cubepath.protocol.wire.messages import Note as NoteMessage
+from cubepath.protocol.wire.messages import (
+    Claim,
+    Here,
+    Message,
+    Note as NoteMessage,
+    Report,
+    Verdict,
+)
 from local_families import LOCAL_FAMILIES
 from obvious_rounds import settled, sites_after
 

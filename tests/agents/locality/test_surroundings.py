@@ -6,8 +6,7 @@ from functools import cache
 from random import Random
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore

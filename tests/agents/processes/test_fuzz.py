@@ -8,8 +8,7 @@ from functools import cache
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.agents.processes.orders import OUTSIDE
 from cubepath.protocol.wire.messages import NoMessageError, decode

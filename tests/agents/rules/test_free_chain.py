@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.rules.chain import CHAIN

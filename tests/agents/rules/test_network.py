@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.agents.local.relative import relative_layout
 from cubepath.agents.rules.policy import FORMAT, Layer, Network, network_rule, read_network

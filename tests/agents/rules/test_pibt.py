@@ -6,8 +6,7 @@ from pathlib import Path
 from statistics import mean
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import Played

@@ -8,8 +8,7 @@ from pathlib import Path
 from statistics import mean
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.agents.rules.actor import HESITATE, RULE, stream, stream_at
 from cubepath.agents.rules.vector_rule import Streams

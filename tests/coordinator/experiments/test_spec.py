@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 import tomli_w
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.experiments.ranges import expanded, seeds_of
 from cubepath.coordinator.experiments.setting import Batch, FaultRates, Setting, run_id, scene_hash

@@ -8,8 +8,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.array_heap import ActionTable, NumberedHeap, normal_form
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering, cancellations

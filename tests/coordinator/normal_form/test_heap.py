@@ -13,8 +13,7 @@ from collections.abc import Callable, Generator, Sequence
 from random import Random
 
 import pytest
-from hypothesis import assume, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 
 from complexes import actions_at, commuting_sets
 from cubepath.coordinator.normal_form import heap as heap_module

@@ -8,8 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from command_line import GOLDEN
 from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest

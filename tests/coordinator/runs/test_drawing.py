@@ -19,8 +19,7 @@ from PIL import Image
 from cubepath.agents.environments.playing import play
 from cubepath.agents.rendering.pictures import colours, extent
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs import drawing as pictures
-from cubepath.coordinator.runs import schedule_chart as chart_of
+from cubepath.coordinator.runs import drawing as pictures, schedule_chart as chart_of
 from cubepath.coordinator.runs.drawing import Sheet, run_picture
 from cubepath.coordinator.runs.films import animate
 from cubepath.coordinator.runs.states import snapshots

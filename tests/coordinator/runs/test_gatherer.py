@@ -8,8 +8,7 @@ from dataclasses import replace as replace_scene
 from functools import cache
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec.structs import replace
 
 from cubepath.coordinator.normal_form.certificate import encodable_certificate

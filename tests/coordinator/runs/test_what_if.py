@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from msgspec.structs import replace
 
 import noting
@@ -29,8 +28,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Go, encode, kind_of
 from marked import some
 from recordings import all_edited, edited, first, new_path, parts, recorded
-from schedules import VEHICLES, original
-from schedules import carry_out as carried_out
+from schedules import VEHICLES, carry_out as carried_out, original
 
 NOTING = f"{noting.__file__}:noting"
 OTHER = f"{noting.__file__}:other"

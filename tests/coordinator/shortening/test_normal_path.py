@@ -9,8 +9,7 @@ from typing import Any, Literal
 
 import msgspec
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import find, given, settings
-from hypothesis import strategies as st
+from hypothesis import find, given, settings, strategies as st
 
 from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS
 from cubepath.coordinator.testing.strategies import faults, scenarios

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.coordinator.verification.choices import Moment, Observing

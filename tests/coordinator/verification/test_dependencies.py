@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from itertools import accumulate, chain
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.verification.dependencies import (

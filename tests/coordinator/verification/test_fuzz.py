@@ -9,8 +9,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import recover, verify

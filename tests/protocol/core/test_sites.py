@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import DEPTH_MAX, Site, in_order, site_from_json, site_text

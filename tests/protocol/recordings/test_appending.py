@@ -8,8 +8,7 @@ from io import BytesIO
 from typing import TypeAlias
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 

@@ -8,11 +8,10 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from cubepath.coordinator import improve, is_normal, lower_bound
-from cubepath.coordinator.normal_form.definitions import end_state
+from cubepath.coordinator import improve, lower_bound
+from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.transitions import Transitions

@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from hypothesis import given, reject, settings
-from hypothesis import strategies as st
+from hypothesis import given, reject, settings, strategies as st
 
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import EDGES, Catalogue, Cell, Generator

@@ -7,8 +7,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.triangulations import polygon_points, random_points

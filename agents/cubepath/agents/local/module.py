@@ -21,8 +21,13 @@ from cubepath.agents.local.arbitration import (
     waiting_for,
 )
 from cubepath.agents.local.notes import nothing_said
-from cubepath.agents.local.observation import Note as NoteNumbers
-from cubepath.agents.local.observation import Observation, chosen_move, is_legal, observe
+from cubepath.agents.local.observation import (
+    Note as NoteNumbers,
+    Observation,
+    chosen_move,
+    is_legal,
+    observe,
+)
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json

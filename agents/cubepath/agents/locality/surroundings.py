@@ -6,8 +6,7 @@ goals the others have, and which seed the run has, is not for it to know.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Mapping, Sequence, Set as AbstractSet
 from dataclasses import replace
 from random import Random
 

@@ -33,8 +33,8 @@ from cubepath.coordinator.runs.plan import (
     check_topics,
     file_name,
     parameters_of,
+    task_of as checked,
 )
-from cubepath.coordinator.runs.plan import task_of as checked
 from cubepath.coordinator.runs.resuming import check_logs, keeper_logs, locked_logs, resumed
 from cubepath.coordinator.runs.standing import Driver, Standing, Watch
 from cubepath.coordinator.runs.tap import Overheard, Tap

@@ -7,8 +7,7 @@ how sites are encoded). It asks no rule: whoever has rules is a `Player`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from collections.abc import Set as AbstractSet
+from collections.abc import Callable, Mapping, Set as AbstractSet
 from functools import lru_cache, partial
 from typing import NamedTuple, Protocol, TypeAlias
 

@@ -35,8 +35,7 @@ shortening.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Iterable, Sequence, Set as AbstractSet
 from itertools import chain
 from typing import NamedTuple
 

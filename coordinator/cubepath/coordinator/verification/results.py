@@ -5,8 +5,7 @@ Part of `cubepath verify`; runs with rounds and without end alike.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Mapping, Sequence, Set as AbstractSet
 from itertools import pairwise
 
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late

@@ -5,8 +5,7 @@ It touches the file that it was opened with.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from functools import cached_property
 from itertools import chain
 from math import inf

@@ -27,8 +27,7 @@ from cubepath.protocol.core.output_files import (
 )
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.appending import McapAppender
-from cubepath.protocol.recordings.counts import METADATA as COUNTS
-from cubepath.protocol.recordings.counts import Counts
+from cubepath.protocol.recordings.counts import METADATA as COUNTS, Counts
 from cubepath.protocol.recordings.description import (
     METADATA,
     SCENE,

@@ -8,8 +8,7 @@ own sample data (obstacles, starts, goals, moves).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from collections.abc import Set as AbstractSet
+from collections.abc import Iterable, Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

@@ -5,8 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.homology_groups import homology

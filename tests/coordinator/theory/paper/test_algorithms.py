@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path

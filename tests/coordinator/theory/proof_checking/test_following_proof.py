@@ -14,8 +14,12 @@ from random import Random
 import numpy as np
 import pytest
 
-from cubepath.coordinator.theory.following.encoding import Clauses as Encoded
-from cubepath.coordinator.theory.following.encoding import Task, cell_of, clauses_of
+from cubepath.coordinator.theory.following.encoding import (
+    Clauses as Encoded,
+    Task,
+    cell_of,
+    clauses_of,
+)
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     AT,

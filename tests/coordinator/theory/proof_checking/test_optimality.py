@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.proof_checking.optimality import (
     ProvedOptimal,
@@ -44,8 +43,7 @@ from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from listed_scenes import listed, listed_scenes, move
 from minimal_checker import check
 from minimal_systems import RefusedError
-from obvious_refutations import Refutation as Obvious
-from obvious_refutations import claim_of, log_of, proof_of
+from obvious_refutations import Refutation as Obvious, claim_of, log_of, proof_of
 
 State = frozenset[Site]
 Cubes = list[list[Action]]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
 from cubepath.coordinator.theory.search.exact import optimum, too_wide

@@ -6,8 +6,7 @@ from itertools import permutations
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from complexes import states_of
 from cubepath.coordinator.normal_form.definitions import end_state

@@ -14,8 +14,7 @@ from typing import Any
 import msgspec
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from command_line import GOLDEN
 from cubepath.coordinator.tools.exports.exporting import export

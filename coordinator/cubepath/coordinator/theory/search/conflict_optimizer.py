@@ -22,8 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubepath.coordinator.theory.search import conflict_kernel as kernel
-from cubepath.coordinator.theory.search import space_time_routes as routes
+from cubepath.coordinator.theory.search import (
+    conflict_kernel as kernel,
+    space_time_routes as routes,
+)
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 
 _TRIES = 100_000

@@ -18,8 +18,7 @@ from random import Random
 
 import numpy as np
 
-from cubepath.coordinator.theory.search import conflict_optimizer
-from cubepath.coordinator.theory.search import space_time_routes as routes
+from cubepath.coordinator.theory.search import conflict_optimizer, space_time_routes as routes
 from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, Ends
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 from cubepath.protocol.core.actions import Action, State

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Sequence, Set as AbstractSet
 
 from cubepath.protocol.core.actions import apply_in_place, end_at
 from cubepath.protocol.core.catalogue import Move
