@@ -14,10 +14,14 @@ from mcap.stream_reader import StreamReader
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile
-from cubepath.protocol.recordings.mcap_file import Stored
+from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
-from cubepath.protocol.recordings.salvaging import Message as FoundMessage, messages_in, salvage
+from cubepath.protocol.recordings.salvaging import (
+    SalvagedMessage as FoundMessage,
+    messages_in,
+    salvage,
+)
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode
@@ -99,9 +103,9 @@ class Salvaged:
     problems: list[str]
 
 
-def stored(data: bytes) -> Stored:
+def stored(data: bytes) -> StoredBytes:
     """Return bytes as those of a recording that was read from a pipe."""
-    return Stored(InputFile(Path("damaged.mcap"), BytesIO(data)))
+    return StoredBytes(InputFile(Path("damaged.mcap"), BytesIO(data)))
 
 
 def salvaged(data: bytes) -> Salvaged:

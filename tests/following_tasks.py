@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from random import Random
 
-from cubepath.coordinator.theory.following.encoding import Task
+from cubepath.coordinator.theory.following.encoding import VehicleTask
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.protocol.core.sites import Site
 from vehicle_rounds import Cell, first_wrong
@@ -13,7 +13,7 @@ from vehicle_rounds import Cell, first_wrong
 FAR = 9
 
 
-def draw_task(seed: int) -> Task:
+def draw_task(seed: int) -> VehicleTask:
     """Draw a few vehicles on a small grid with obstacles."""
     random = Random(seed)  # noqa: S311 - to be repeated
     cells = list(product(range(random.randint(2, 3)), range(random.randint(1, 3))))
@@ -24,18 +24,20 @@ def draw_task(seed: int) -> Task:
     return task_of(tuple(starts), tuple(ends), free, RULES[seed % 2])
 
 
-def task_of(starts: tuple[Cell, ...], ends: tuple[Cell, ...], free: list[Cell], rule: Rule) -> Task:
+def task_of(
+    starts: tuple[Cell, ...], ends: tuple[Cell, ...], free: list[Cell], rule: Rule
+) -> VehicleTask:
     edges = [
         ((x, y), there) for x, y in free for there in ((x + 1, y), (x, y + 1)) if there in free
     ]
-    return Task(starts, ends, edges, rule)
+    return VehicleTask(starts, ends, edges, rule)
 
 
 def cells_of(edge: tuple[Site, Site]) -> list[Cell]:
     return [(site[0], site[1]) for site in edge if isinstance(site, tuple)]
 
 
-def exhaustive(task: Task) -> list[tuple[Cell, ...]] | None:
+def exhaustive(task: VehicleTask) -> list[tuple[Cell, ...]] | None:
     """Return where all vehicles are after each round of a shortest timetable, None if too long.
 
     By breadth-first search over where they are together.

@@ -24,7 +24,7 @@ from cubepath.coordinator.shortening.path_steps import read_steps
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.search.anytime import improve
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
@@ -118,7 +118,7 @@ def named(scene: Scene, cubes: Cubes) -> Iterator[list[GeneratorPlacement]]:
 
 def proved(scene: Scene, cubes: Cubes, seconds: float) -> tuple[Cubes, Bound]:
     """Return the best schedule and the bound that SAT solvers find from a schedule on."""
-    task = Task([action for cube in cubes for action in cube], scene.start_state, scene.system)
+    task = PathTask([action for cube in cubes for action in cube], scene.start_state, scene.system)
     found = beyond(task, prove=seconds)
     return found.cube_path, Bound(found.lower_bound, found.why)
 

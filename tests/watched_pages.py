@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.states import Steps, snapshots
-from cubepath.coordinator.tools.viewing.shown import Shown
+from cubepath.coordinator.tools.viewing.shown import RunView
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene
@@ -91,7 +91,7 @@ KINDS = (
 class Watched:
     """What a page shows, and the sites of the modules after each step of its two paths."""
 
-    shown: Shown
+    shown: RunView
     sites: tuple[list[list[str]], list[list[str]]]
 
 
@@ -107,7 +107,7 @@ def watched(spec: str, folder: Path, rounds: int = 12) -> Watched:
     steps = played.steps
     heap.extend(played.path)
     cubes = heap.cube_path()
-    shown = Shown(scene, steps, cubes, heap.normal_form())
+    shown = RunView(scene, steps, cubes, heap.normal_form())
     return Watched(shown, (followed(scene, steps), followed(scene, cubes)))
 
 

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from random import Random
 
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.scenes.families.triangulations import random_points
@@ -66,11 +66,11 @@ def grown(sizes: Sequence[int], seconds: float) -> None:
         began = time.perf_counter()
         first = first_path(system, start, goal)
         took = time.perf_counter() - began
-        rounds = beyond(Task(first, start, system, end=goal), iterations=0)
+        rounds = beyond(PathTask(first, start, system, end=goal), iterations=0)
         sweep = system.plane.sweep("right")
         detour = (*first_path(system, start, sweep), *first_path(system, sweep, goal))
         began = time.perf_counter()
-        task = Task(detour, start, system, end=goal)
+        task = PathTask(detour, start, system, end=goal)
         known = beyond(task, seconds=seconds, seed=1)
         spent = time.perf_counter() - began
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

@@ -22,7 +22,7 @@ from typing import NamedTuple
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task, task_of
+from cubepath.coordinator.theory.optimality.tasks import PathTask, task_of
 from cubepath.coordinator.theory.search.heuristics import Potential
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, apply_in_place
@@ -57,7 +57,7 @@ class Case(NamedTuple):
     """A path to be looked at: what it has to do, how many moves it has, the planner's rounds."""
 
     name: str
-    task: Task
+    task: PathTask
     moves: int
     rounds: int | None = None
 
@@ -95,7 +95,7 @@ def triangulations(sizes: tuple[int, ...]) -> Iterator[Case]:
             best = min(steps.possible(state), key=lambda each: potential.change(each, here))
             state ^= steps.toggle[best]
             path.append(steps.actions[best])
-        task = Task(tuple(path), steps.decode(ends[0]), system)
+        task = PathTask(tuple(path), steps.decode(ends[0]), system)
         yield Case(f"triangulations of {count} points", task, len(path))
 
 
@@ -110,7 +110,7 @@ def walks(specs: tuple[str, ...], moves: int) -> Iterator[Case]:
         for _ in range(moves):
             path.append(steps.actions[random.choice(steps.possible(steps.encode(state)))])
             apply_in_place(path[-1], state)
-        task = Task(tuple(path), scene.start_state, scene.system)
+        task = PathTask(tuple(path), scene.start_state, scene.system)
         yield Case(f"walk of {spec}", task, len(path))
 
 

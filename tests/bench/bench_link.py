@@ -23,7 +23,7 @@ from statistics import median
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.messages import Go, encode
@@ -54,7 +54,7 @@ def microseconds(router: Router, count: int, rules: Rules | None) -> float:
     """Return the processor time a message, of so many that pass to a session."""
     lead = open_client(router.endpoint, credentials=router.credentials(COORDINATOR))
     mine: Credentials = router.credentials("process_0")
-    link = None if rules is None else Link("process_0", router.endpoint, mine)
+    link = None if rules is None else LinkProxy("process_0", router.endpoint, mine)
     process = open_client(router.endpoint if link is None else link.endpoint, credentials=mine)
     for rule in rules() if rules is not None and link is not None else ():
         link.add(rule) if link is not None else None

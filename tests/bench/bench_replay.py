@@ -35,9 +35,9 @@ from typing import Any
 from cubepath.coordinator.playback.machine import Machine
 from cubepath.coordinator.playback.orders import Seek
 from cubepath.coordinator.playback.player import replay
-from cubepath.coordinator.playback.segments import States
-from cubepath.coordinator.playback.selection import SAID, Keys, Selection
-from cubepath.coordinator.playback.timeline import Reel
+from cubepath.coordinator.playback.segments import RecordedStates
+from cubepath.coordinator.playback.selection import SAID, KeyMapping, PlayedMessages
+from cubepath.coordinator.playback.timeline import Timeline
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording
@@ -112,9 +112,9 @@ def whole(recording: Recording) -> float:
     return found.seconds
 
 
-def seek(reel: Reel, states: States, number: int) -> float:
+def seek(reel: Timeline, states: RecordedStates, number: int) -> float:
     """Return how long it takes to a round, and to the state there."""
-    machine = Machine(reel, Selection(reel.recording), paused=True)
+    machine = Machine(reel, PlayedMessages(reel.recording), paused=True)
     began = time.perf_counter()
     machine.order(Seek(str(number)), 0.0)
     states.at(machine.mark)
@@ -134,17 +134,17 @@ def row(path: Path, repeats: int, before: tuple[int, float] | None) -> tuple[int
     """Print a line for a recording; return its messages and the time of a seek."""
     recording = read_recording(path)
     messages = len(recording.records)
-    reel = Reel(recording)
+    reel = Timeline(recording)
     last = reel.step_at(reel.end)
     rounds = [1 + (last - 1) * each // (SEEKS - 1) for each in range(SEEKS)]
     order = [rounds[each * 7 % SEEKS] for each in range(SEEKS)]
 
     def fresh(number: int) -> float:
-        own = Reel(recording)
-        return seek(own, States(own), number)
+        own = Timeline(recording)
+        return seek(own, RecordedStates(own), number)
 
     first = statistics.median(map(fresh, order))
-    states = States(reel)
+    states = RecordedStates(reel)
     following = statistics.median(seek(reel, states, number) for number in order)
     chunks = recording.chunks()
     began = time.perf_counter()
@@ -154,7 +154,7 @@ def row(path: Path, repeats: int, before: tuple[int, float] | None) -> tuple[int
     seeking = peak(lambda: [fresh(number) for number in order])
     told = f"{messages:>9}"
     if repeats:
-        keys = Keys(recording, "r")
+        keys = KeyMapping(recording, "r")
         bare = [(keys.key(each), each.data) for each in recording.of_kind(*SAID)]
         times = [(puts(bare), whole(recording)) for _ in range(repeats)]
         floor, replayed = (statistics.median(each) for each in zip(*times, strict=True))

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.tools.viewing.pages import pack, page_text
-from cubepath.coordinator.tools.viewing.shown import Shown, document_of
+from cubepath.coordinator.tools.viewing.shown import RunView, document_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -89,7 +89,7 @@ def page_of(scene: Scene, steps: Sequence[Sequence[Action]], path: Path) -> dict
     """Write a page, and return how long that took and how large it and its data are."""
     heap = FastHeap(telling=True)
     heap.extend(action for step in steps for action in step)
-    shown = Shown(scene, steps, heap.cube_path(), heap.normal_form())
+    shown = RunView(scene, steps, heap.cube_path(), heap.normal_form())
     began = time.process_time()
     document = document_of([shown])
     text = page_text(document)

@@ -1,12 +1,12 @@
 from cubepath.coordinator.auditing.recording import audit as audit
 from cubepath.coordinator.experiments.instances import standard as standard
-from cubepath.coordinator.experiments.report import Report as Report
+from cubepath.coordinator.experiments.report import SweepReport as SweepReport
 from cubepath.coordinator.experiments.sweeping import read_sweep as read_sweep, sweep as sweep
 from cubepath.coordinator.normal_form.certificate import certificate_of as certificate_of
 from cubepath.coordinator.normal_form.definitions import end_state as end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path as normal_cube_path
 from cubepath.coordinator.normal_form.timetable import earliest as earliest
-from cubepath.coordinator.playback.comparing import Replayed as Replayed
+from cubepath.coordinator.playback.comparing import ReplayResult as ReplayResult
 from cubepath.coordinator.playback.orders import PlayerStatus as PlayerStatus
 from cubepath.coordinator.playback.player import Player as Player, replay as replay
 from cubepath.coordinator.runs.asking import ask as ask
@@ -43,7 +43,7 @@ from cubepath.coordinator.theory.following.timetable import (
 )
 from cubepath.coordinator.theory.optimality.beyond import beyond as beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
-from cubepath.coordinator.theory.paper.registry import Claim as Claim
+from cubepath.coordinator.theory.paper.registry import PaperClaim as PaperClaim
 from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds as check_fewest_rounds,
@@ -65,7 +65,7 @@ from cubepath.coordinator.tools.viewing.pages import (
     page_document as page_document,
     run_page as run_page,
 )
-from cubepath.coordinator.tools.viewing.shown import Shown as Shown
+from cubepath.coordinator.tools.viewing.shown import RunView as RunView
 from cubepath.coordinator.verification.certificate import check_certificate as check_certificate
 from cubepath.coordinator.verification.proof import check_proof as check_proof
-from cubepath.coordinator.verification.recording import recover as recover, verify as verify
+from cubepath.coordinator.verification.recording import verify as verify

@@ -24,6 +24,7 @@ from cubepath.protocol.core.system import (
     FILLED as FILLED,
     Scene as Scene,
     System as System,
+    Ways as Ways,
 )
 from cubepath.protocol.path_files.following import (
     following_schemas as following_schemas,

@@ -8,9 +8,9 @@ import pytest
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.normal_form.definitions import is_cube
-from cubepath.coordinator.testing.fixtures import StartRun
-from cubepath.coordinator.testing.log import Log
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.fixtures import RunFixture
+from cubepath.coordinator.testing.log import RunLog
+from cubepath.coordinator.testing.rig import RunUnderTest
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import locked_file
@@ -34,7 +34,7 @@ def legal(watch: Watch) -> None:
     assert state == frozenset(found.sites) | found.scene.system.filled
 
 
-def reached(run: Rig) -> Log:
+def reached(run: RunUnderTest) -> RunLog:
     """Go on to the goal; return the log, on which everything holds."""
     run.until_goal(timeout_s=PATIENCE_S)
     log = run.finish()
@@ -43,7 +43,7 @@ def reached(run: Rig) -> Log:
     return log
 
 
-def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: StartRun) -> None:
+def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: RunFixture) -> None:
     log = reached(cubepath_run(CHAIN, **FREE))
     commits = log.messages("moved")
     names = [(each.module, each.epoch, each.number) for each in commits]
@@ -73,7 +73,7 @@ def test_a_coordinator_that_comes_late_finds_everything(tmp_path: Path) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", "keeper_1", "router"])
 def test_a_process_that_is_killed_and_started_again_takes_its_place(
-    name: str, cubepath_run: StartRun
+    name: str, cubepath_run: RunFixture
 ) -> None:
     run = cubepath_run("hex:n=9", **FREE, on_crash="restart")
     run.until_moves(5)
@@ -84,7 +84,7 @@ def test_a_process_that_is_killed_and_started_again_takes_its_place(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", "router"])
-def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: StartRun) -> None:
+def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: RunFixture) -> None:
     run = cubepath_run(CHAIN, **FREE)
     run.until_moves(3)
     run.pause(name, seconds=1.0)
@@ -112,7 +112,7 @@ def test_modules_join_late_and_leave() -> None:
 
 
 @pytest.mark.thorough
-def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
+def test_the_living_do_not_notice_the_dead(cubepath_run: RunFixture) -> None:
     """A process dies with its vehicle, which stays where it is; the others go on."""
     options: dict[str, Any] = {**FREE, "processes": 4, "max_rounds": 10**6}
     run = cubepath_run("agv:graph=grid6x2,n=4", "random", **options)
@@ -129,7 +129,7 @@ def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
 
 
 @pytest.mark.thorough
-def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> None:
+def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: RunFixture) -> None:
     options: dict[str, Any] = {**FREE, "on_crash": "stop", "max_rounds": 10**6}
     run = cubepath_run(CHAIN, "random", **options)
     run.until_moves(2)
@@ -140,7 +140,7 @@ def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> N
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "keep"), [("process_0", True), ("keeper_1", False)])
 def test_who_is_cut_off_for_a_while_goes_on_where_it_was(
-    name: str, keep: bool, cubepath_run: StartRun
+    name: str, keep: bool, cubepath_run: RunFixture
 ) -> None:
     """What was said meanwhile comes late, or never."""
     run = cubepath_run(CHAIN, **FREE)
@@ -151,7 +151,7 @@ def test_who_is_cut_off_for_a_while_goes_on_where_it_was(
 
 
 @pytest.mark.thorough
-def test_slow_links_only_take_longer(cubepath_run: StartRun) -> None:
+def test_slow_links_only_take_longer(cubepath_run: RunFixture) -> None:
     run = cubepath_run("hex:n=5", **FREE)
     late = [
         rule

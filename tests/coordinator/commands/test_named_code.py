@@ -17,8 +17,8 @@ from command_line import GOLDEN, refused
 from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator import run
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.testing.fixtures import Replay
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.fixtures import ReplayFixture
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
@@ -175,14 +175,14 @@ def test_no_command_runs_a_file_that_an_input_names(canary: Path, command: str) 
 
 
 def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
-    canary: Path, cubepath_replay: Replay
+    canary: Path, cubepath_replay: ReplayFixture
 ) -> None:
     """Neither what checks a log, nor what lets modules live in it."""
     for name in ("0.mcap", "branch.mcap", "free-0.mcap"):
-        log = Log.read(name)
+        log = RunLog.read(name)
         log.assert_legal()
         with contextlib.suppress(AssertionError):
-            log.assert_same_run(Log.read("free-1.mcap" if "free" in name else "1.mcap"))
+            log.assert_same_run(RunLog.read("free-1.mcap" if "free" in name else "1.mcap"))
         for go_on in (
             lambda log=log: cubepath_replay.live(log, [0], processes=0),
             lambda log=log: cubepath_replay.what_if(log, "random", from_round=2, modules=[0]),

@@ -13,7 +13,7 @@ from cubepath.agents.environments.rollouts import PlayedMany, play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments import compiled_core
 from cubepath.coordinator.experiments.playing import play_batch
-from cubepath.coordinator.experiments.rows import Finished
+from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import FaultRates
 from cubepath.coordinator.experiments.spec import Sweep, expand
 from cubepath.coordinator.normal_form.heap import Heap
@@ -24,21 +24,21 @@ DIFFER = {"core", "processes", "messages", "time", "seconds", "id", "configurati
 """Columns in which the same run in two cores may differ."""
 
 
-def runs(system: str, rule: str, **given: Any) -> list[Finished]:
+def runs(system: str, rule: str, **given: Any) -> list[FinishedRun]:
     """Play the runs of one setting."""
     more: dict[str, Any] = {"seeds": (1, 4), "max_rounds": 40} | given
     sweep = Sweep((system,), rules=(rule,), **more)
     return [each for batch in expand(sweep).batches for each in play_batch(batch)]
 
 
-def same(one: Finished, other: Finished) -> bool:
+def same(one: FinishedRun, other: FinishedRun) -> bool:
     """Return whether two runs are alike in all that must be."""
     kept = [{key: run.run[key] for key in run.run.keys() - DIFFER} for run in (one, other)]
     rounds = [[row | {"id": ""} for row in run.round_rows()] for run in (one, other)]
     return kept[0] == kept[1] and rounds[0] == rounds[1] and bool(rounds[0])
 
 
-def in_arrays(system: str, rule: str, **given: Any) -> list[Finished]:
+def in_arrays(system: str, rule: str, **given: Any) -> list[FinishedRun]:
     """Play the runs of one setting side by side in arrays, however few they are."""
     played: list[int] = []
 
@@ -223,7 +223,7 @@ def test_lost_messages_cost_time_and_change_nothing() -> None:
     assert lossy[0].run["time"] > 10 * plain.run["time"]
 
 
-def replaced(found: Finished) -> dict[str, Any]:
+def replaced(found: FinishedRun) -> dict[str, Any]:
     """Return the row of a run without the seconds it took."""
     return found.run | {"seconds": 0}
 

@@ -12,7 +12,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.proof_checking.optimality import check_optimality
 from cubepath.coordinator.theory.satisfiability.proving import SEARCH
 from cubepath.coordinator.theory.search.anytime import improve
@@ -135,7 +135,9 @@ def test_bounds_of_solvers_are_proved_again(name: str, tmp_path: Path) -> None:
     scene = scene_from_spec(instance.system)
     path = [action for cube in cubes_on_file(instance) for action in cube]
     file = tmp_path / "a.proof"
-    found = beyond(Task(path, scene.start_state, scene.system), max_states=1, prove=600, proof=file)
+    found = beyond(
+        PathTask(path, scene.start_state, scene.system), max_states=1, prove=600, proof=file
+    )
     assert found.optimal
     assert found.lower_bound == found.improved == instance.best == instance.bound
     assert check_optimality(read_proof(file)).optimal

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.coordinator.experiments.rows import Finished
+from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -27,7 +27,7 @@ def test_a_later_search_is_added_to_the_rows_and_plays_nothing(
     tmp_path: Path, searches: list[dict[str, Any]]
 ) -> None:
     """They are then as if it had been asked for at first; each run is there once."""
-    played: list[Finished] = []
+    played: list[FinishedRun] = []
     together: dict[str, Any] = {}
     plan: dict[str, Any] = {"rules": ["chain", "random"], "seeds": 2, "max_rounds": 60}
     for given in searches:

@@ -14,7 +14,13 @@ import tomli_w
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.experiments.ranges import expanded, seeds_of
-from cubepath.coordinator.experiments.setting import Batch, FaultRates, Setting, run_id, scene_hash
+from cubepath.coordinator.experiments.setting import (
+    FaultRates,
+    RunBatch,
+    RunSetting,
+    run_id,
+    scene_hash,
+)
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -115,7 +121,7 @@ def test_the_same_scene_by_another_name_is_no_other_run(tmp_path: Path) -> None:
 
 
 @cache
-def setting_of_two() -> Setting:
+def setting_of_two() -> RunSetting:
     """Return the setting of a small sweep."""
     (setting,) = expand(Sweep(("hex:n=2",))).settings
     return setting
@@ -126,7 +132,7 @@ def test_an_id_is_that_of_plain_json(rule: str, source: str, seed: int) -> None:
     """With sorted keys, however it is put together."""
     setting = replace(setting_of_two(), rule=rule, source=source)
     told = json.dumps({**setting.deciding(), "seed": seed, "code": "1"}, sort_keys=True)
-    assert Batch(setting, (seed,), "1").ids() == (run_id(setting, seed, "1"),)
+    assert RunBatch(setting, (seed,), "1").ids() == (run_id(setting, seed, "1"),)
     assert run_id(setting, seed, "1") == hashlib.sha256(told.encode()).hexdigest()[:16]
 
 

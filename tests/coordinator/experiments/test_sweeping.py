@@ -23,8 +23,8 @@ from cubepath.coordinator.experiments.executors import played_by
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
 from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.playing import late, play_batch
-from cubepath.coordinator.experiments.rows import Finished, Row
-from cubepath.coordinator.experiments.setting import Batch, code_version
+from cubepath.coordinator.experiments.rows import FinishedRun, Row
+from cubepath.coordinator.experiments.setting import RunBatch, code_version
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.workers import Cluster, Pool
@@ -83,7 +83,7 @@ def test_the_rows_are_the_same_in_any_number_of_processes(
 
 def test_finished_runs_are_not_played_again(tmp_path: Path) -> None:
     """More seeds are more runs; the same sweep once more has nothing to do."""
-    played: list[Finished] = []
+    played: list[FinishedRun] = []
     sweep("hex:n=4", out=tmp_path, seeds=2)
     found = sweep("hex:n=4", out=tmp_path, seeds=5, watch=played.extend)
     assert (found.known, [each.run["seed"] for each in played]) == (2, [2, 3, 4])
@@ -231,7 +231,7 @@ def test_what_is_interrupted_ends_its_processes_and_keeps_what_is_finished(
     """And is taken up where it ended."""
     monkeypatch.setattr(sweeping, "is_small", lambda _: False)
 
-    def interrupt(_: Sequence[Finished]) -> None:
+    def interrupt(_: Sequence[FinishedRun]) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -479,7 +479,7 @@ def test_a_cluster_gives_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     assert there.rounds == here.rounds
 
 
-def batches() -> list[Batch]:
+def batches() -> list[RunBatch]:
     """Return the batches of a small sweep."""
     return list(expand(sweep_of(["hex:n=4"], {"seeds": 2})).batches)
 

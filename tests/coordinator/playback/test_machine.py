@@ -11,10 +11,16 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
+from cubepath.coordinator.playback.machine import (
+    AllPlayed,
+    Machine,
+    PositionJump,
+    PutMessage,
+    WaitForOrder,
+)
 from cubepath.coordinator.playback.orders import Order, read_order
-from cubepath.coordinator.playback.selection import Selection
-from cubepath.coordinator.playback.timeline import Reel, read_pace, read_spot
+from cubepath.coordinator.playback.selection import PlayedMessages
+from cubepath.coordinator.playback.timeline import Timeline, read_pace, read_spot
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
@@ -37,16 +43,16 @@ class Driven:
         """Play until a time."""
         while True:
             match self.machine.next(self.now):
-                case Put(record=record):
+                case PutMessage(record=record):
                     self.put.append(record)
                     self.at.append(self.now)
-                case Jumped(why=why):
+                case PositionJump(why=why):
                     self.jumps.append(why)
-                case Rest(until=due):
+                case WaitForOrder(until=due):
                     if due is None or due > now:
                         break
                     self.now = due
-                case Over():
+                case AllPlayed():
                     break
         self.now = max(self.now, now)
         return self
@@ -88,8 +94,8 @@ def driven(**given: Any) -> Driven:
     for name in ("begin", "until"):
         if name in given:
             options[name] = read_spot(given.pop(name))
-    selection = Selection(found, topics=given.pop("topics", ["reports"]))
-    return Driven(Machine(Reel(found), selection, **options, **given))
+    selection = PlayedMessages(found, topics=given.pop("topics", ["reports"]))
+    return Driven(Machine(Timeline(found), selection, **options, **given))
 
 
 @cache

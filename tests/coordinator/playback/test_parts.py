@@ -12,8 +12,8 @@ from msgspec import structs
 from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player, replay
-from cubepath.coordinator.playback.segments import States
-from cubepath.coordinator.playback.timeline import Reel, Spot
+from cubepath.coordinator.playback.segments import RecordedStates
+from cubepath.coordinator.playback.timeline import Timeline, TimelinePosition
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CheckError
@@ -147,10 +147,12 @@ def test_all_rounds_are_counted_where_all_is_compared() -> None:
 
 def test_who_seeks_in_a_late_recording_is_told_where_modules_stand() -> None:
     """Before its first whole round, in which one was reported in part, and after it."""
-    whole, late = (States(Reel(read_recording(each))) for each in (HEX, cut(HEX, first=5)))
-    reels = [Reel(read_recording(each)) for each in (HEX, cut(HEX, first=5))]
+    whole, late = (
+        RecordedStates(Timeline(read_recording(each))) for each in (HEX, cut(HEX, first=5))
+    )
+    reels = [Timeline(read_recording(each)) for each in (HEX, cut(HEX, first=5))]
     for number in (5, 6, 20):
-        marks = [reel.find(Spot(step=number)) for reel in reels]
+        marks = [reel.find(TimelinePosition(step=number)) for reel in reels]
         assert late.at(marks[1]) == whole.at(marks[0])
     with Player(cut(HEX, first=5)) as player:
         player.seek(12)

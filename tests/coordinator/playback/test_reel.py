@@ -9,8 +9,15 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.segments import States
-from cubepath.coordinator.playback.timeline import START, Mark, Reel, Spot, read_pace, read_spot
+from cubepath.coordinator.playback.segments import RecordedStates
+from cubepath.coordinator.playback.timeline import (
+    START,
+    Cursor,
+    Timeline,
+    TimelinePosition,
+    read_pace,
+    read_spot,
+)
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError
@@ -32,13 +39,13 @@ def _small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording_module, "_UNSTORED", 7)
 
 
-def marks(reel: Reel) -> list[Mark]:
+def marks(reel: Timeline) -> list[Cursor]:
     """Return all places, the end last."""
     found = []
     each = reel.next(START)
     while each is not None:
         found.append(each[0])
-        each = reel.next(Mark(each[0].chunk, each[0].place + 1))
+        each = reel.next(Cursor(each[0].chunk, each[0].place + 1))
     return [*found, reel.end]
 
 
@@ -62,18 +69,18 @@ def test_places_are_those_found_by_reading_all(
     rounds: list[tuple[int, int]], step: int, ms: int, after: bool
 ) -> None:
     """Rounds in any order, times that never go back: the first message that is late enough."""
-    reel = Reel(timed(rounds))
+    reel = Timeline(timed(rounds))
     records = list(reel.recording.records)
     places = marks(reel)
 
-    def first(late: list[bool]) -> Mark:
+    def first(late: list[bool]) -> Cursor:
         return places[late.index(True)] if any(late) else reel.end
 
     by_round = [each.round >= step + after for each in records]
-    assert reel.find(Spot(step=step), after=after) == first(by_round)
+    assert reel.find(TimelinePosition(step=step), after=after) == first(by_round)
     at = ms / 1000
     by_time = [reel.time_of(each) > at if after else reel.time_of(each) >= at for each in records]
-    assert reel.find(Spot(seconds=at), after=after) == first(by_time)
+    assert reel.find(TimelinePosition(seconds=at), after=after) == first(by_time)
     assert [mark for mark, _ in reel.backward(reel.end)] == places[-2::-1]
     assert [record for _, record in reel.backward(reel.end)] == records[::-1]
 
@@ -82,24 +89,24 @@ def test_a_place_is_found_without_reading_what_lies_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of thirty chunks a round takes one, and a time no more than halving takes."""
-    reel = Reel(timed([(number, 1) for number in range(210)]))
+    reel = Timeline(timed([(number, 1) for number in range(210)]))
     read: list[int] = []
-    plain = Reel.chunk
+    plain = Timeline.chunk
 
-    def counted(self: Reel, number: int) -> Any:
+    def counted(self: Timeline, number: int) -> Any:
         read.append(number)
         return plain(self, number)
 
     assert reel.time_at(reel.end) > 0  # the ends are looked at once
-    monkeypatch.setattr(Reel, "chunk", counted)
-    reel.find(Spot(step=150))
+    monkeypatch.setattr(Timeline, "chunk", counted)
+    reel.find(TimelinePosition(step=150))
     assert set(read) == {150 // 7}
     read.clear()
-    reel.find(Spot(seconds=0.15))
+    reel.find(TimelinePosition(seconds=0.15))
     assert len(set(read)) <= 6
 
 
-def stepped(reel: Reel) -> list[tuple[Mark, tuple[Any, ...]]]:
+def stepped(reel: Timeline) -> list[tuple[Cursor, tuple[Any, ...]]]:
     """Return where modules stand at each place, by the gatherer of runs."""
     recording = reel.recording
     gatherer = Gatherer(recording.scene)
@@ -122,8 +129,8 @@ def test_the_state_at_every_place_is_the_gatherers(spec: str) -> None:
     recording = recorded(spec, rule, rounds=10)
     several = recorded(spec, rule, rounds=10, processes=2) if spec.startswith("hex") else recording
     for each in (recording, with_records(several, several.records), WHOLE):
-        reel = Reel(each)
-        states = States(reel)
+        reel = Timeline(each)
+        states = RecordedStates(reel)
         for mark, (step, sites) in stepped(reel)[::-1]:
             found = states.at(mark)
             assert (found.step, found.sites) == (step, sites)
@@ -139,8 +146,8 @@ def test_the_state_of_a_run_without_rounds_is_that_of_its_commits(tmp_path: Path
         read_recording(path),
         with_records(read_recording(path), read_recording(path).records),
     ):
-        reel = Reel(recording)
-        states = States(reel)
+        reel = Timeline(recording)
+        states = RecordedStates(reel)
         places = marks(reel)
         for index in [*range(0, len(places), 20), len(places) - 1][::-1]:
             sites = list(scene.start)
@@ -160,7 +167,7 @@ def test_levels_are_found_where_log_time_is_the_wall_clock(tmp_path: Path) -> No
     """A level begins with the first commit of it or of a later one; times are those of the log."""
     scene, messages = free_run("agv:graph=grid6x6,n=6")
     whole = [*messages, *results(scene, messages, 3)]
-    reel = Reel(read_recording(write(tmp_path / "a.mcap", scene, whole, wall=True)))
+    reel = Timeline(read_recording(write(tmp_path / "a.mcap", scene, whole, wall=True)))
     assert reel.by_wall
     records = list(reel.recording.records)
     levels = [
@@ -170,17 +177,17 @@ def test_levels_are_found_where_log_time_is_the_wall_clock(tmp_path: Path) -> No
     places = marks(reel)
     for level in (1, 2, max(levels)):
         late = next(place for place, each in enumerate(levels) if each >= level)
-        assert reel.find(Spot(step=level)) == places[late]
+        assert reel.find(TimelinePosition(step=level)) == places[late]
         assert reel.step_at(places[late]) >= level
         assert reel.step_at(places[late - 1]) < level
-    assert reel.find(Spot(step=max(levels) + 1)) == reel.end
+    assert reel.find(TimelinePosition(step=max(levels) + 1)) == reel.end
     assert reel.step_at(reel.end) == max(levels)
 
 
 def test_an_empty_recording_has_its_end_alone() -> None:
     """Nothing is read, and nothing is found."""
-    reel = Reel(timed([]))
-    assert reel.end == START == reel.settled(START) == reel.find(Spot(step=3))
+    reel = Timeline(timed([]))
+    assert reel.end == START == reel.settled(START) == reel.find(TimelinePosition(step=3))
     assert (reel.seconds, reel.step_at(START), reel.time_at(START)) == (0.0, 0, 0.0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from command_line import GOLDEN
-from cubepath.coordinator.playback.selection import Keys, Selection
+from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.records import Record
@@ -16,7 +16,7 @@ HEX = read_recording(GOLDEN / "hex-5.mcap")
 
 def topics(*patterns: str, exclude: tuple[str, ...] = ()) -> set[str]:
     """Return the topics that are played."""
-    selection = Selection(HEX, topics=patterns, exclude=exclude)
+    selection = PlayedMessages(HEX, topics=patterns, exclude=exclude)
     return {record.topic for record in HEX.records if selection.takes(record)}
 
 
@@ -49,13 +49,13 @@ def test_topics_are_chosen_by_patterns() -> None:
 def test_what_chooses_nothing_is_refused(given: dict[str, list[str]], said: str) -> None:
     """A part of a batch is no topic, for example."""
     with pytest.raises(InputError, match=said):
-        Selection(HEX, **given)
+        PlayedMessages(HEX, **given)
 
 
 def keys(*remap: str) -> dict[str, str]:
     """Return the first key of each topic of a run in batches."""
     recording = recorded("hex:n=4", "chain", rounds=5)
-    found = Keys(recording, "r", remap)
+    found = KeyMapping(recording, "r", remap)
     return {record.topic: found.key(record) for record in reversed(recording.records)}
 
 
@@ -76,27 +76,32 @@ def test_keys_are_remapped_by_topic_and_by_their_own_beginning() -> None:
 def test_what_concerns_no_message_that_is_played_is_refused(remap: str) -> None:
     """Neither a topic nor a key of one begins so; a part of a batch has neither."""
     recording = recorded("hex:n=4", "chain", rounds=5)
-    takes = Selection(recording).takes_topic
-    Keys(recording, "r", ["said=heard", "to=from", "reports/process_0=left"]).check_remap(takes)
+    takes = PlayedMessages(recording).takes_topic
+    KeyMapping(recording, "r", ["said=heard", "to=from", "reports/process_0=left"]).check_remap(
+        takes
+    )
     old = remap.partition("=")[0]
     with pytest.raises(InputError, match=f"remap={remap}: nothing that is played is on {old}, "):
-        Keys(recording, "r", ["said=heard", remap]).check_remap(takes)
+        KeyMapping(recording, "r", ["said=heard", remap]).check_remap(takes)
 
 
 def test_what_other_tools_wrote_keeps_its_topic() -> None:
     """Its bytes are not looked into."""
-    assert Keys(HEX, "r").key(Record("/viewer/scene", b"\0", 0, 0, 0)) == "cubepath/r/viewer/scene"
+    assert (
+        KeyMapping(HEX, "r").key(Record("/viewer/scene", b"\0", 0, 0, 0))
+        == "cubepath/r/viewer/scene"
+    )
 
 
 @pytest.mark.parametrize("remap", ["a", "=a", "a=", "a=b=c", "a=/", "a*=b", "a=b//c", "a=b*"])
 def test_what_is_no_key_is_refused(remap: str) -> None:
     """In one line."""
     with pytest.raises(InputError, match="remap="):
-        Keys(HEX, "r", [remap])
+        KeyMapping(HEX, "r", [remap])
 
 
 @pytest.mark.parametrize("run", ["", "a/b", "*", "a$b", "a?", "a#", "a\n"])
 def test_what_is_no_part_of_a_key_is_no_run(run: str) -> None:
     """In one line."""
     with pytest.raises(InputError, match="run="):
-        Keys(HEX, run)
+        KeyMapping(HEX, run)

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from cubepath.coordinator.testing.fixtures import StartRun
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.fixtures import RunFixture
+from cubepath.coordinator.testing.rig import RunUnderTest
 
 MORE = 10
 """How many rounds show that a run goes on."""
 
 
-def begun(start: StartRun, processes: int = 2, **options: Any) -> Rig:
+def begun(start: RunFixture, processes: int = 2, **options: Any) -> RunUnderTest:
     """Start a run that has no end, and play some rounds of it."""
     run = start("hex:n=6", "random", max_rounds=10**6, processes=processes, links=False, **options)
     run.step(5)
@@ -22,7 +22,7 @@ def begun(start: StartRun, processes: int = 2, **options: Any) -> Rig:
 
 
 @pytest.mark.slow
-def test_a_module_process_that_dies_ends_the_run(cubepath_run: StartRun) -> None:
+def test_a_module_process_that_dies_ends_the_run(cubepath_run: RunFixture) -> None:
     """One clear line naming the modules, and a whole recording."""
     run = begun(cubepath_run, 3)
     run.kill("process_0")
@@ -32,7 +32,7 @@ def test_a_module_process_that_dies_ends_the_run(cubepath_run: StartRun) -> None
 
 
 @pytest.mark.thorough
-def test_a_router_that_dies_is_started_again(cubepath_run: StartRun) -> None:
+def test_a_router_that_dies_is_started_again(cubepath_run: RunFixture) -> None:
     """What was on its way is lost and asked for again."""
     run = begun(cubepath_run)
     run.kill("router")
@@ -43,7 +43,7 @@ def test_a_router_that_dies_is_started_again(cubepath_run: StartRun) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("seconds", [1.5, 12])
 @pytest.mark.parametrize("who", ["process_0", "router"])
-def test_who_stands_still_is_waited_for(cubepath_run: StartRun, who: str, seconds: float) -> None:
+def test_who_stands_still_is_waited_for(cubepath_run: RunFixture, who: str, seconds: float) -> None:
     """Longer than it takes to ask again, and than the lease of a link."""
     run = begun(cubepath_run, patience=100.0)
     run.pause(who, seconds=seconds)
@@ -52,7 +52,7 @@ def test_who_stands_still_is_waited_for(cubepath_run: StartRun, who: str, second
 
 
 @pytest.mark.thorough
-def test_who_is_late_is_named_when_patience_is_over(cubepath_run: StartRun) -> None:
+def test_who_is_late_is_named_when_patience_is_over(cubepath_run: RunFixture) -> None:
     """The one that stands still and not those that wait for it; the recording is whole."""
     run = begun(cubepath_run, 3, patience=4.0)
     run.pause("process_1")

@@ -25,7 +25,7 @@ from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.resuming import keeper_logs
-from cubepath.coordinator.testing.fixtures import StartRun
+from cubepath.coordinator.testing.fixtures import RunFixture
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
@@ -47,7 +47,7 @@ def sound(log: Path) -> None:
 
 
 def wounded(
-    start: StartRun, plan: Plan, name: str, *, after: int = 4, failing: bool = False
+    start: RunFixture, plan: Plan, name: str, *, after: int = 4, failing: bool = False
 ) -> Outcome:
     """Run a plan, and kill a process after some moves."""
     rig = start(plan, links=False, timeout_s=100)
@@ -151,7 +151,7 @@ def test_who_answers_while_the_machine_stands_still_has_answered(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", "keeper_0", "keeper_1", "router"])
-def test_a_run_with_a_crash_holds(name: str, cubepath_run: StartRun, tmp_path: Path) -> None:
+def test_a_run_with_a_crash_holds(name: str, cubepath_run: RunFixture, tmp_path: Path) -> None:
     """Started again, its processes reach the goal by the same moves, and it says who died."""
     log = tmp_path / "run.mcap"
     plan = Plan(
@@ -175,7 +175,7 @@ def test_a_run_with_a_crash_holds(name: str, cubepath_run: StartRun, tmp_path: P
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1])
 def test_a_run_in_which_everything_dies_again_and_again_holds(
-    seed: int, cubepath_run: StartRun, tmp_path: Path
+    seed: int, cubepath_run: RunFixture, tmp_path: Path
 ) -> None:
     """The router, a keeper and a process, one after the other, each some moves after the last."""
     log = tmp_path / "run.mcap"
@@ -224,7 +224,7 @@ def islands() -> Scene:
 
 @pytest.mark.thorough
 def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
-    cubepath_run: StartRun, tmp_path: Path
+    cubepath_run: RunFixture, tmp_path: Path
 ) -> None:
     """One of two vehicles on two islands dies; the other goes to its goal, and the run says so."""
     system, log = tmp_path / "islands.toml", tmp_path / "run.mcap"
@@ -351,7 +351,7 @@ def test_of_two_that_take_up_a_run_one_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_keeper_that_stands_still_is_named(cubepath_run: StartRun, tmp_path: Path) -> None:
+def test_a_keeper_that_stands_still_is_named(cubepath_run: RunFixture, tmp_path: Path) -> None:
     """It has not died, so nobody else says what the run waits for."""
     log = tmp_path / "run.mcap"
     plan = Plan(system=CHAIN, clock="free", keepers=1, patience=5.0, speeds=SLOW, log=log)

@@ -9,7 +9,7 @@ import pytest
 
 from cubepath.coordinator.runs.gathering import gathered, gathered_in_full
 from cubepath.coordinator.shortening.conversion import convert
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
@@ -44,7 +44,7 @@ def test_what_lacks_reports_in_between_is_refused(cut: Cut, said: str, tmp_path:
     cut(path)
     for take in (
         lambda: gathered_in_full(read_recording(path)),
-        lambda: Log.read(path).rounds,
+        lambda: RunLog.read(path).rounds,
         lambda: convert(path, tmp_path / "moves.jsonl"),
     ):
         with pytest.raises(InputError, match=said):

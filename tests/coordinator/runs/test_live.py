@@ -18,7 +18,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.rig import RunUnderTest
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from elsewhere import Commands
@@ -215,7 +215,7 @@ def test_a_process_in_another_program_is_tried_against_a_log(
     log = tmp_path / "log.mcap"
     own = [sys.executable, "-I", str(OWN), "{endpoint}", "1"]
     spec = "agv-labelled:graph=grid10x4,n=4"
-    with Rig(spec, seed=2, max_rounds=30, log=log, commands={"own": own}) as run:
+    with RunUnderTest(spec, seed=2, max_rounds=30, log=log, commands={"own": own}) as run:
         rounds = run.play().rounds
     again = commands.start(
         "replay", "log.mcap", "--live=1", "--listen=tcp/127.0.0.1:0", "--wait-for=1"

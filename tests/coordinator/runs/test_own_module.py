@@ -19,8 +19,8 @@ import zenoh
 
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.testing.rig import Rig
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.rig import RunUnderTest
+from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.sessions import open_client, put
@@ -35,9 +35,9 @@ LINES_MAX = 150
 END_S = 60.0
 
 
-def rig(log: Path, *, links: bool = False) -> Rig:
+def rig(log: Path, *, links: bool = False) -> RunUnderTest:
     """Return a run of the own process with others in two processes of cubepath."""
-    return Rig(
+    return RunUnderTest(
         "agv-labelled:graph=grid10x4,n=4",
         seed=SEED,
         max_rounds=300,
@@ -48,7 +48,7 @@ def rig(log: Path, *, links: bool = False) -> Rig:
     )
 
 
-def played(run: Rig) -> Outcome:
+def played(run: RunUnderTest) -> Outcome:
     """Play to the end of the run, and of the own process, which ends by itself."""
     outcome = run.play()
     assert (run.commands["own"].wait(), run.commands["own"].err) == (0, "")
@@ -179,11 +179,11 @@ LOST: list[dict[str, Any]] = [
 ]
 
 
-def first_copies() -> Callable[[Seen], bool]:
+def first_copies() -> Callable[[WireMessage], bool]:
     """Return what holds of a message the first time that it comes."""
     came: Counter[bytes] = Counter()
 
-    def is_first(seen: Seen) -> bool:
+    def is_first(seen: WireMessage) -> bool:
         came[seen.data] += 1
         return came[seen.data] == 1
 

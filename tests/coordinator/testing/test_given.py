@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.testing.commands import Command
-from cubepath.coordinator.testing.link import Link
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.link import LinkProxy
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
 from cubepath.coordinator.testing.rig import Joiners
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.strategies import faults
 from cubepath.coordinator.testing.trials import trial_of
-from cubepath.coordinator.testing.wire import Planned
+from cubepath.coordinator.testing.wire import PlannedFault
 from cubepath.protocol.core.errors import InputError
 
 any_of: Any = {"none": None, "five": 5}
@@ -25,8 +25,8 @@ NOTHING, FIVE = any_of["none"], any_of["five"]
 
 
 @cache
-def log() -> Log:
-    return Log.read("logs/golden/hex-5.mcap")
+def log() -> RunLog:
+    return RunLog.read("logs/golden/hex-5.mcap")
 
 
 def rule(**options: Any) -> Rule:
@@ -40,9 +40,9 @@ def trial(**options: Any) -> object:
 
 
 WRONG: list[tuple[Callable[[], object], str]] = [
-    (lambda: Log(NOTHING), "None: expected a Recording, or Log.read(PATH)"),
-    (lambda: Log.read(NOTHING), "path=None: expected the path of a file"),
-    (lambda: Log.read(""), "path='': expected the path of a file"),
+    (lambda: RunLog(NOTHING), "None: expected a Recording, or Log.read(PATH)"),
+    (lambda: RunLog.read(NOTHING), "path=None: expected the path of a file"),
+    (lambda: RunLog.read(""), "path='': expected the path of a file"),
     (lambda: log().assert_same_run(NOTHING), "None: expected another Log"),
     (lambda: replay_into(NOTHING, print), "None: expected a Log"),
     (lambda: replay_into(log(), FIVE), "to=5: expected a function"),
@@ -63,7 +63,7 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: rule(seed="x"), "seed='x': expected a whole number"),
     (lambda: rule().wait(FIVE, NOTHING), "timeout_s=None: expected 0 to 3600"),
     (lambda: rule().wait(NOTHING), "times=None: expected a whole number"),
-    (lambda: Link("process_0", NOTHING), "endpoint=None: expected where the router is"),
+    (lambda: LinkProxy("process_0", NOTHING), "endpoint=None: expected where the router is"),
     (lambda: trial(faults=[5]), "fault 5: expected one as fault('loss', 'process_0 up', 3)"),
     (lambda: trial(faults=5), "faults=5: expected a list of faults"),
     (lambda: trial(max_rounds="x"), "max_rounds='x': expected 0 or more"),
@@ -98,4 +98,4 @@ def test_rules_and_plans_are_told_in_one_line() -> None:
         "<drop kind=said, where=mine: met 0>"
     )
     assert repr(rule(pattern=Pattern(where=Odd()))) == "<drop where=Odd: met 0>"
-    assert repr(Planned(mine, lambda: None)) == "<planned: to come>"
+    assert repr(PlannedFault(mine, lambda: None)) == "<planned: to come>"

@@ -12,9 +12,9 @@ from queue import Empty, SimpleQueue
 import pytest
 import zenoh
 
-from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.rules import Pattern, Rule
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Ready, encode
@@ -36,7 +36,7 @@ def ready(number: int) -> bytes:
 class Ends:
     """A link with a session at each end, and what each of them hears of the other."""
 
-    def __init__(self, router: Router, link: Link) -> None:
+    def __init__(self, router: Router, link: LinkProxy) -> None:
         self.link = link
         self.lead = open_client(router.endpoint, credentials=router.credentials(COORDINATOR))
         mine = router.credentials("process_0")
@@ -84,7 +84,7 @@ def both_ends() -> Iterator[Ends]:
     """Return a link to a private router with a session at each end."""
     with (
         Router(processes=1) as router,
-        Link("process_0", router.endpoint, router.credentials("process_0")) as link,
+        LinkProxy("process_0", router.endpoint, router.credentials("process_0")) as link,
     ):
         found = Ends(router, link)
         yield found
@@ -228,14 +228,14 @@ def test_chance_meets_the_same_messages_whatever_the_order() -> None:
 
     def met(order: range | list[int], seed: int) -> set[int]:
         rule = Rule(action="drop", probability=0.3, seed=seed)
-        return {each for each in order if rule.meets(Seen(UP, ready(each)))}
+        return {each for each in order if rule.meets(WireMessage(UP, ready(each)))}
 
     first = met(range(1000), 1)
     assert 250 < len(first) < 350
     assert met(list(reversed(range(1000))), 1) == first
     assert met(range(1000), 2) != first
     rule = Rule(action="drop", probability=0.5)
-    times = [rule.meets(Seen(UP, ready(1))) for _ in range(100)]
+    times = [rule.meets(WireMessage(UP, ready(1))) for _ in range(100)]
     assert {True, False} == set(times)
 
 
@@ -243,12 +243,12 @@ def test_a_rule_remembers_so_many_messages_and_no_more(monkeypatch: pytest.Monke
     """And a message that comes again before they are over has the chances that it has alone."""
     monkeypatch.setattr("cubepath.coordinator.testing.rules.COPIES_MAX", 10)
     alone, among = (Rule(action="drop", probability=0.5) for _ in range(2))
-    fates = [alone.meets(Seen(UP, ready(1))) for _ in range(40)]
+    fates = [alone.meets(WireMessage(UP, ready(1))) for _ in range(40)]
     found = []
     for round_ in range(40):
-        found.append(among.meets(Seen(UP, ready(1))))
+        found.append(among.meets(WireMessage(UP, ready(1))))
         for other in range(9):
-            among.meets(Seen(UP, ready(2 + 9 * round_ + other)))
+            among.meets(WireMessage(UP, ready(2 + 9 * round_ + other)))
     assert found == fates
     assert len(among._copies) == 10
 
@@ -287,7 +287,7 @@ def test_what_a_link_raises_is_told_and_it_goes_on(ends: Ends) -> None:
 def test_a_rule_that_meets_too_little_says_what_it_met() -> None:
     """With the messages that were meant."""
     rule = Rule(action="drop", pattern=Pattern(kind="ready", sender="process_0"), after=1)
-    assert not rule.meets(Seen(UP, ready(1)))
+    assert not rule.meets(WireMessage(UP, ready(1)))
     line = "drop kind=ready, sender=process_0: met 0 messages within 0 s, expected 1; 1 were meant"
     with pytest.raises(CheckError, match=f"^{line}$"):
         rule.wait(timeout_s=0.0)
@@ -320,9 +320,9 @@ def test_nothing_is_left_of_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with (
         Router(processes=1) as router,
-        Link("process_0", router.endpoint, router.credentials("process_0")),
+        LinkProxy("process_0", router.endpoint, router.credentials("process_0")),
     ):
         assert len(list(tmp_path.iterdir())) == 2
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match=r"a link has no certificate"):
-        Link("process_0", "tls/127.0.0.1:1")
+        LinkProxy("process_0", "tls/127.0.0.1:1")

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from msgspec.structs import replace as with_fields
 
 from command_line import GOLDEN
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import ROWS_MAX, table
 from cubepath.protocol.core.errors import InputError
@@ -29,10 +29,10 @@ LINES_MAX, LINE_MAX = 2 * ROWS_MAX, 400
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
 def test_a_golden_log_is_legal_and_the_same_as_itself(path: Path) -> None:
     """With rounds and without; its claims are the moves that were executed, and those lost."""
-    log = Log.read(path)
+    log = RunLog.read(path)
     log.assert_legal()
-    log.assert_same_run(Log.read(path))
-    log.assert_same_run(Log.read(path), homotopic=True)
+    log.assert_same_run(RunLog.read(path))
+    log.assert_same_run(RunLog.read(path), homotopic=True)
     granted = {(each.round, each.module, each.generator) for each in log.grants()}
     assert granted == {(each.round, each.module, each.generator) for each in log.moves}
     assert len(log.claims()) == len(log.grants()) + len(log.losses())
@@ -43,7 +43,7 @@ def test_a_golden_log_is_legal_and_the_same_as_itself(path: Path) -> None:
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
 def test_every_message_has_a_line(path: Path) -> None:
     """Its kind is that of its topic, its sender that of its key, and what it says is short."""
-    log = Log.read(path)
+    log = RunLog.read(path)
     for seen, record in zip(log.all_deliveries, log.recording.records, strict=True):
         assert f"{seen.kind}/{seen.sender}" == record.topic
         assert len(table([seen]).splitlines()) == 2
@@ -52,7 +52,7 @@ def test_every_message_has_a_line(path: Path) -> None:
 def test_claims_are_those_of_the_reports() -> None:
     """Another way to them: module by module, from what each reported at the end of each round."""
     recording = recorded("agv:graph=grid4x4,n=6", rounds=12)
-    log = Log(recording)
+    log = RunLog(recording)
     reported = {
         (each.round, each.module, each.claim)
         for each in parts(recording, "report")
@@ -81,14 +81,14 @@ def fails(check: Callable[[], object], line: str) -> str:
 def test_what_is_not_legal_is_shown_where_it_is() -> None:
     """A verdict that was changed, with the messages of that module in that round."""
     recording = recorded("agv:graph=grid4x4,n=6", rounds=12)
-    lost = Log(recording).losses()[0]
+    lost = RunLog(recording).losses()[0]
 
     def elsewhere(part: Claim) -> Claim:
         chosen = (part.round, part.module) == (lost.round, lost.module)
         return with_fields(part, at=[0, 99]) if chosen else part
 
     text = fails(
-        Log(all_edited(recording, "claim", elsewhere)).assert_legal, "the log is not legal"
+        RunLog(all_edited(recording, "claim", elsewhere)).assert_legal, "the log is not legal"
     )
     assert f"round {lost.round}" in text
     assert re.search(rf"^  > {lost.round} .* process_\d", text, re.MULTILINE)
@@ -96,13 +96,13 @@ def test_what_is_not_legal_is_shown_where_it_is() -> None:
 
 def test_a_goal_that_is_not_reached_names_who_stands_elsewhere() -> None:
     """After how many rounds, and where they stand."""
-    log = Log(recorded("hex:n=4", "chain", rounds=2))
+    log = RunLog(recorded("hex:n=4", "chain", rounds=2))
     fails(log.assert_goal, r"^the goal is not reached after 2 rounds: module_0 at ")
 
 
 def test_runs_that_differ_are_shown_where_they_first_do() -> None:
     """The moves of both in that round."""
-    one, other = (Log(recorded("agv:graph=grid4x4,n=6", seed=seed, rounds=6)) for seed in (0, 1))
+    one, other = (RunLog(recorded("agv:graph=grid4x4,n=6", seed=seed, rounds=6)) for seed in (0, 1))
     text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
     assert re.search(r"^  round \d+, first: module_\d edge at", text, re.MULTILINE)
     assert re.search(r"^  they part in round \d+, with a choice of module_\d$", text, re.MULTILINE)
@@ -115,22 +115,22 @@ def test_runs_that_have_nothing_in_common_on_record() -> None:
     """Why it is not told where they part, in a line."""
     recording = free_recorded("agv:graph=grid3x3,n=4", seed=4, moves=12)
     kept = [each for each in recording.records if each.kind not in ("moved", "tail", "summary")]
-    one, other = Log(recording), Log(with_records(recording, kept))
+    one, other = RunLog(recording), RunLog(with_records(recording, kept))
     text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
     assert "nothing to compare, as its first commits are not on record" in text
 
 
 def test_rounds_that_commute_may_be_swapped() -> None:
     """The same moves in other rounds are the same run."""
-    one = Log(recorded("hex:n=6", "chain", rounds=100))
-    other = Log(recorded("hex:n=6", "chain", hesitate=0.4, seed=3, rounds=200))
+    one = RunLog(recorded("hex:n=6", "chain", rounds=100))
+    other = RunLog(recorded("hex:n=6", "chain", hesitate=0.4, seed=3, rounds=200))
     assert one.rounds != other.rounds
     one.assert_same_run(other)
 
 
 def test_order_and_counts() -> None:
     """By kinds or patterns; what is missing is told."""
-    log = Log(recorded("agv:graph=grid4x4,n=6", rounds=4))
+    log = RunLog(recorded("agv:graph=grid4x4,n=6", rounds=4))
     log.assert_order("claim", Pattern(kind="report", round=1))
     log.assert_count(4, "report", module=3)
     log.assert_count(range(1, 7), "claim", round=1)
@@ -154,7 +154,7 @@ def test_order_and_counts() -> None:
 def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processes() -> None:
     """Deliveries differ: a process puts all that its modules say to a region into one."""
     logs = [
-        Log(recorded("agv:graph=grid10x4,n=8", "random", processes=processes, rounds=5))
+        RunLog(recorded("agv:graph=grid10x4,n=8", "random", processes=processes, rounds=5))
         for processes in (1, 2, 4)
     ]
     for kind in ("here", "claim", "verdict", "report"):
@@ -173,7 +173,7 @@ def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processe
 @given(st.integers(0, 200), st.integers(0, 250))
 def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int) -> None:
     """However many messages there are; the one that is marked is among them."""
-    messages = (Log.read(LOGS[0]).all_deliveries * 5)[:count] if count else ()
+    messages = (RunLog.read(LOGS[0]).all_deliveries * 5)[:count] if count else ()
     marked = [place] if place < count else []
     lines = table(messages, marked).splitlines()
     assert len(lines) <= ROWS_MAX + 2
@@ -182,7 +182,7 @@ def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int
 
 def test_what_could_never_be_on_record_is_refused() -> None:
     """In one line, with the nearest name, rather than counted as none."""
-    log = Log.read(LOGS[0])
+    log = RunLog.read(LOGS[0])
     wrong: list[tuple[Callable[[], object], str]] = [
         (lambda: log.count("claim", phase="sens"), "phase=sens: .*did you mean 'sense'"),
         (lambda: log.count("claim", module="1"), "module='1': expected a whole number"),
@@ -207,7 +207,7 @@ def anything(value: Any) -> Any:
 
 def test_keys_beside_a_pattern_narrow_it() -> None:
     """They are not passed over."""
-    log = Log(recorded("agv:graph=grid4x4,n=4", rounds=4))
+    log = RunLog(recorded("agv:graph=grid4x4,n=4", rounds=4))
     claims = Pattern(kind="claim")
     assert log.messages(claims, module=1, round=2) == log.messages("claim", module=1, round=2)
     assert log.count(claims) > log.count(claims, round=2)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing.fixtures import Simulate
+from cubepath.coordinator.testing.fixtures import SimulateFixture
 from cubepath.coordinator.testing.plugin import seeds_given, seeds_in
 
 pytestmark = pytest.mark.slow
@@ -87,7 +87,7 @@ def test_without_hypothesis_the_strategies_say_so() -> None:
     )
     last = done.stderr.strip().splitlines()[-1]
     assert last.endswith("strategies take hypothesis: pip install 'cubepath[testing]'")
-    subprocess.run([sys.executable, "-c", text + "Rig"], check=True)
+    subprocess.run([sys.executable, "-c", text + "RunUnderTest"], check=True)
 
 
 SEEDS = """
@@ -345,7 +345,7 @@ def is_there(pid: int) -> bool:
 
 
 @pytest.mark.cubepath(clock="free", hesitate=0.25, links=False)
-def test_the_marker_is_for_simulated_runs_too(cubepath_simulate: Simulate) -> None:
+def test_the_marker_is_for_simulated_runs_too(cubepath_simulate: SimulateFixture) -> None:
     """As far as they have its options; what is named in the test counts."""
     free = cubepath_simulate("hex:n=3", moves=2).trial.scenario
     assert (type(free).__name__, free.hesitate) == ("FreeScenario", 0.25)

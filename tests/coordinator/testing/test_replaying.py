@@ -10,8 +10,8 @@ import pytest
 from command_line import GOLDEN
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
-from cubepath.coordinator.testing.fixtures import Replay
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.fixtures import ReplayFixture
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import replay_into
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import belongs
@@ -37,7 +37,7 @@ with zenoh.open(zenoh.Config.from_json5(settings)) as session:
 
 def test_a_function_is_called_with_each_message_in_order() -> None:
     """With the bytes on record and a key of the run; or with some of them."""
-    log = Log(recorded("hex:n=4", "chain", processes=2, rounds=5))
+    log = RunLog(recorded("hex:n=4", "chain", processes=2, rounds=5))
     found = replay_into(log, lambda seen: seen, run="r")
     said = [each for each in log.all_deliveries if each.kind not in ("edges", "cube")]
     assert [each.data for each in found] == [
@@ -47,18 +47,18 @@ def test_a_function_is_called_with_each_message_in_order() -> None:
     assert replay_into(log, lambda seen: seen.round, "reports", module=0) == [1, 2, 3, 4, 5]
 
 
-def test_a_free_recording_is_replayed_as_well(cubepath_replay: Replay) -> None:
+def test_a_free_recording_is_replayed_as_well(cubepath_replay: ReplayFixture) -> None:
     """Its keys are those of such runs."""
     path = GOLDEN / "hex-free-5.mcap"
     kinds = Counter(cubepath_replay.into(path, lambda seen: seen.key.split("/")[2]))
-    log = Log.read(path)
+    log = RunLog.read(path)
     assert kinds["moved"] == log.count("moved") > 0
 
 
-def test_a_node_does_again_what_it_did(cubepath_replay: Replay) -> None:
+def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
     """A process that hears all that was said on record says and reports the same again."""
     recording = recorded("hex:n=4", "chain", processes=2, rounds=5)
-    log = Log(recording)
+    log = RunLog(recording)
     orders = Orders(
         endpoint="",
         run="replayed",
@@ -82,9 +82,9 @@ def test_a_node_does_again_what_it_did(cubepath_replay: Replay) -> None:
     ]
 
 
-def test_a_process_hears_it_on_a_wire(cubepath_replay: Replay) -> None:
+def test_a_process_hears_it_on_a_wire(cubepath_replay: ReplayFixture) -> None:
     """It is waited for until it listens, so that it misses nothing."""
-    log = Log.read(GOLDEN / "agv-3.mcap")
+    log = RunLog.read(GOLDEN / "agv-3.mcap")
     count = sum(log.count(kind) for kind in ("said", "reports"))
     command = [sys.executable, "-c", READER, "{endpoint}", "{run}", str(count)]
     found = cubepath_replay.to(log, command)
@@ -94,14 +94,14 @@ def test_a_process_hears_it_on_a_wire(cubepath_replay: Replay) -> None:
     assert found.command.wait() == 0
 
 
-def test_a_process_that_does_not_listen_is_told(cubepath_replay: Replay) -> None:
+def test_a_process_that_does_not_listen_is_told(cubepath_replay: ReplayFixture) -> None:
     """With what it said instead."""
     command = [sys.executable, "-c", "print('busy')"]
     with pytest.raises(CheckError, match=r"listens to the run: it ended before; stdout: busy"):
         cubepath_replay.to(GOLDEN / "agv-3.mcap", command)
 
 
-def test_live_modules_are_tried_against_a_log(cubepath_replay: Replay) -> None:
+def test_live_modules_are_tried_against_a_log(cubepath_replay: ReplayFixture) -> None:
     """The same to the end; a divergence fails the test, and no divergence one that expects it."""
     path = GOLDEN / "hex-5.mcap"
     assert cubepath_replay.live(path, [1, 2], processes=0).rounds == 29
@@ -112,15 +112,15 @@ def test_live_modules_are_tried_against_a_log(cubepath_replay: Replay) -> None:
     assert found.divergence is not None
     assert found.divergence.module == 1
     with pytest.raises(AssertionError, match="no divergence in 29 rounds, expected one"):
-        cubepath_replay.live(Log.read(path), [1], diverging=True, processes=0)
+        cubepath_replay.live(RunLog.read(path), [1], diverging=True, processes=0)
 
 
-def test_another_rule_takes_over_from_a_round_on(cubepath_replay: Replay) -> None:
+def test_another_rule_takes_over_from_a_round_on(cubepath_replay: ReplayFixture) -> None:
     """The log of the new run is asked as any; it goes to the folder of the test."""
     path = GOLDEN / "agv-6.mcap"
     log = cubepath_replay.what_if(path, "random", from_round=5, max_rounds=9, processes=0)
     log.assert_legal()
-    parent, moves = Log.read(path), log.recording.moves()
+    parent, moves = RunLog.read(path), log.recording.moves()
     assert log.rounds == 9
     early = (moves["round"] < 5).sum()
     assert moves["module"][:early].tolist() == parent.recording.moves()["module"][:early].tolist()
@@ -134,7 +134,7 @@ def test_another_rule_takes_over_from_a_round_on(cubepath_replay: Replay) -> Non
         )
 
 
-def test_a_rule_that_gives_up_fails_a_what_if(cubepath_replay: Replay) -> None:
+def test_a_rule_that_gives_up_fails_a_what_if(cubepath_replay: ReplayFixture) -> None:
     """Unless that is expected."""
     path = GOLDEN / "hex-5.mcap"
     given = {"from_round": 3, "processes": 0}

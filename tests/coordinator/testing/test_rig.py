@@ -14,10 +14,10 @@ import pytest
 
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.testing.fixtures import StartRun
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.fixtures import RunFixture
+from cubepath.coordinator.testing.rig import RunUnderTest
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 
 pytestmark = pytest.mark.slow
@@ -32,7 +32,7 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     return run(SYSTEM, processes=0, log=tmp_path_factory.mktemp("a") / "a.mcap").path_digest
 
 
-def reached(rig: Rig) -> str:
+def reached(rig: RunUnderTest) -> str:
     """Play to the end, check everything, and return the digest of the path."""
     outcome = rig.play(timeout_s=60)
     log = rig.finish()
@@ -41,7 +41,7 @@ def reached(rig: Rig) -> str:
     return outcome.path_digest
 
 
-Wound = Callable[[Rig], Any]
+Wound = Callable[[RunUnderTest], Any]
 LONG: Any = pytest.mark.thorough
 WOUNDS: list[Any] = [
     pytest.param(lambda rig: rig.double("said"), id="doubled", marks=LONG),
@@ -63,7 +63,9 @@ WOUNDS: list[Any] = [
 
 
 @pytest.mark.parametrize("wound", WOUNDS)
-def test_a_run_with_rounds_tolerates_it(wound: Wound, cubepath_run: StartRun, digest: str) -> None:
+def test_a_run_with_rounds_tolerates_it(
+    wound: Wound, cubepath_run: RunFixture, digest: str
+) -> None:
     """The path is the one of a run in one process, and something did happen."""
     rig = cubepath_run(SYSTEM)
     done = wound(rig)
@@ -71,7 +73,7 @@ def test_a_run_with_rounds_tolerates_it(wound: Wound, cubepath_run: StartRun, di
     assert getattr(done, "count", 0) or getattr(done, "done", False)
 
 
-def test_ten_lines_kill_a_module(cubepath_run: StartRun) -> None:
+def test_ten_lines_kill_a_module(cubepath_run: RunFixture) -> None:
     """Without rounds; it is started again, and the goal is reached."""
     rig = cubepath_run(SYSTEM, clock="free")
     rig.until_moves(4)
@@ -83,7 +85,7 @@ def test_ten_lines_kill_a_module(cubepath_run: StartRun) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["keeper_1", "process_0"])
-def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: StartRun) -> None:
+def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: RunFixture) -> None:
     """Paused, cut off for a while, killed and started again, with links that lose."""
     rig = cubepath_run("hex:n=7", clock="free", keepers=2)
     lost = rig.drop("shows", probability=0.2)
@@ -102,7 +104,7 @@ def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: StartRun
 
 
 @pytest.mark.thorough
-def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
+def test_processes_of_others_take_part(cubepath_run: RunFixture) -> None:
     """They are named and wounded as ours are, by a name or by one of their modules."""
     rig = cubepath_run(VEHICLES, seed=2, commands={"mine": OWN})
     assert rig.name_of(1) == rig.name_of("module_1") == "mine"
@@ -121,13 +123,13 @@ def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
     assert again.name_of(1) == "own_0"
 
 
-def test_messages_and_states_are_awaited(cubepath_run: StartRun) -> None:
+def test_messages_and_states_are_awaited(cubepath_run: RunFixture) -> None:
     """A message that comes from now on is returned."""
     rig = cubepath_run(VEHICLES, seed=2)
     rig.step(2)
     assert rig.round == 2
     claim = rig.until("claim", module=1)
-    assert isinstance(claim, Seen)
+    assert isinstance(claim, WireMessage)
     assert (claim.kind, claim.round) == ("said", rig.round)
     assert 1 in claim.modules
     rig.until(lambda each: each.round >= 5 and each.moves > 3)
@@ -151,7 +153,7 @@ def failing(act: Callable[[], object], line: str) -> str:
 
 
 @pytest.mark.thorough
-def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None:
+def test_what_ended_a_run_is_told_with_what_came(cubepath_run: RunFixture) -> None:
     """How the run stands, each process with its modules, and the last messages."""
     rig = cubepath_run(SYSTEM, timeout_s=3.0)
     rig.step(3)
@@ -165,7 +167,7 @@ def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None
 
 @pytest.mark.parametrize("error", [CheckError("mine"), TimeoutError("mine")], ids=repr)
 def test_what_a_test_raises_is_not_taken_for_what_the_run_does(
-    error: Exception, cubepath_run: StartRun
+    error: Exception, cubepath_run: RunFixture
 ) -> None:
     """Neither that of a listener nor that of a condition; the run goes on."""
 
@@ -184,7 +186,7 @@ def test_what_a_test_raises_is_not_taken_for_what_the_run_does(
     assert rig.run.goes_on
 
 
-def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
+def test_a_run_that_fails_fails_the_test(cubepath_run: RunFixture) -> None:
     """With what was seen, unless the test asks for it; and then a run that does not."""
     rig = cubepath_run("hex:n=3", links=False)
     rig.kill("process_0", at=2)
@@ -195,7 +197,7 @@ def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
     failing(lambda: good.play(failing=True), "^the run did not fail, expected it to")
 
 
-def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:
+def test_what_does_not_come_in_time_is_told(cubepath_run: RunFixture) -> None:
     """With the pattern, and at once where who would have to say it has died."""
     rig = cubepath_run("hex:n=4", "random", clock="free", timeout_s=1.0, patience=20.0)
     failing(lambda: rig.until("act"), r"^not within 1 s: a message with kind=act\nlevel \d+, ")
@@ -207,7 +209,7 @@ def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:
 
 
 @pytest.mark.thorough
-def test_what_a_command_said_is_told(cubepath_run: StartRun) -> None:
+def test_what_a_command_said_is_told(cubepath_run: RunFixture) -> None:
     """A process of others that ends by itself ends the run, and its last words are shown."""
     text = (
         "import sys, time, zenoh, runpy; sys.argv = ['x', *sys.argv[2:]];"
@@ -222,7 +224,7 @@ def test_what_a_command_said_is_told(cubepath_run: StartRun) -> None:
     assert "stderr: here" in found
 
 
-def test_a_plan_says_itself_what_it_asks_for(cubepath_run: StartRun, tmp_path: Path) -> None:
+def test_a_plan_says_itself_what_it_asks_for(cubepath_run: RunFixture, tmp_path: Path) -> None:
     """Its seed, processes and log are not those of the test; what is named beside it counts."""
     plan = Plan(SYSTEM, seed=7, processes=0, log=tmp_path / "own.mcap", max_rounds=2)
     rig = cubepath_run(plan, max_rounds=1)
@@ -231,14 +233,14 @@ def test_a_plan_says_itself_what_it_asks_for(cubepath_run: StartRun, tmp_path: P
     assert rig.path == tmp_path / "own.mcap"
 
 
-def test_with_rounds_nobody_is_started_again(cubepath_run: StartRun) -> None:
+def test_with_rounds_nobody_is_started_again(cubepath_run: RunFixture) -> None:
     """One line says so."""
     rig = cubepath_run(SYSTEM)
     with pytest.raises(InputError, match=r"^process_1: started again only in runs without rounds"):
         rig.restart("process_1")
 
 
-def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
+def test_what_cannot_be_done_is_one_line(cubepath_run: RunFixture) -> None:
     """With what there is."""
     rig = cubepath_run(SYSTEM)
     wrong: list[tuple[Callable[[], object], str]] = [
@@ -284,11 +286,11 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
     with pytest.raises(InputError, match=r"^process_0: has no process any more, the run has ended"):
         rig.pause("process_0")
     with pytest.raises(InputError, match=r"^process_0: there is none, the run has not begun or"):
-        Rig(SYSTEM).kill("process_0")
+        RunUnderTest(SYSTEM).kill("process_0")
 
 
 @pytest.mark.thorough
-def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str) -> None:
+def test_without_links_the_wire_is_as_it_is(cubepath_run: RunFixture, digest: str) -> None:
     """Rules need one; named processes have one alone."""
     rig = cubepath_run(SYSTEM, links=False)
     with pytest.raises(InputError, match=r"^drop: no process has a link, expected links=True$"):
@@ -314,10 +316,10 @@ def test_links_and_commands_take_files_too() -> None:
     taken = len(list(Path("/dev/fd").iterdir()))
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (taken + 37, hard))
-        Rig(SYSTEM, links=False)
+        RunUnderTest(SYSTEM, links=False)
         for more in ({"links": True}, {"links": ["process_0"]}, {"commands": ["true"]}):
             with pytest.raises(CubepathError, match=r"^too few open files are allowed: \d+, exp"):
-                Rig(SYSTEM, **{"links": False, **more})  # type: ignore[arg-type]
+                RunUnderTest(SYSTEM, **{"links": False, **more})  # type: ignore[arg-type]
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
@@ -326,7 +328,7 @@ def test_a_rule_that_raises_fails_the_test(tmp_path: Path) -> None:
     """When the run is closed, if nothing else has failed."""
     with (
         pytest.raises(CheckError, match=r"^a rule of the link of process_\d raised ZeroDivision"),
-        Rig(SYSTEM, log=tmp_path / "a.mcap") as rig,
+        RunUnderTest(SYSTEM, log=tmp_path / "a.mcap") as rig,
     ):
         rig.drop(Pattern(where=lambda _: 1 // 0 > 0))
         rig.step(1)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.runs.tap import Overheard
-from cubepath.coordinator.testing.fixtures import StartRun
-from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.fixtures import RunFixture
+from cubepath.coordinator.testing.rig import RunUnderTest
 from cubepath.protocol.core.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -21,7 +21,7 @@ def stands_still(pid: int) -> bool:
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
-def test_a_time_is_over_with_what_it_was_for(cubepath_run: StartRun) -> None:
+def test_a_time_is_over_with_what_it_was_for(cubepath_run: RunFixture) -> None:
     """A pause or a cut that is ended by hand does not end the next one."""
     rig = cubepath_run(SYSTEM)
     pid, link = rig.pids["process_0"], rig.links["process_0"]
@@ -46,7 +46,7 @@ def test_a_time_is_over_with_what_it_was_for(cubepath_run: StartRun) -> None:
     rig.step()
 
 
-def test_what_is_planned_and_raises_fails_the_test(cubepath_run: StartRun) -> None:
+def test_what_is_planned_and_raises_fails_the_test(cubepath_run: RunFixture) -> None:
     """As it was raised, and the run goes on."""
 
     def fails() -> None:
@@ -64,12 +64,15 @@ def test_what_is_planned_and_raises_fails_the_test(cubepath_run: StartRun) -> No
 
 def test_what_is_planned_and_raises_is_told_at_the_end(tmp_path: Path) -> None:
     """If nobody awaits anything after it."""
-    with pytest.raises(ZeroDivisionError), Rig(SYSTEM, links=False, log=tmp_path / "a") as rig:
+    with (
+        pytest.raises(ZeroDivisionError),
+        RunUnderTest(SYSTEM, links=False, log=tmp_path / "a") as rig,
+    ):
         rig.when("claim", lambda: print(1 // 0))
         rig.run.step(2)
 
 
-def test_a_message_is_heard_though_another_listener_raised(cubepath_run: StartRun) -> None:
+def test_a_message_is_heard_though_another_listener_raised(cubepath_run: RunFixture) -> None:
     """Parts that did not come are not taken for the messages after them."""
     rig = cubepath_run(SYSTEM, links=False)
     said = [each for each in heard(rig) if hasattr(each.message, "parts")]
@@ -79,7 +82,7 @@ def test_a_message_is_heard_though_another_listener_raised(cubepath_run: StartRu
     assert len(rig.heard) == 3
 
 
-def heard(rig: Rig) -> list[Overheard]:
+def heard(rig: RunUnderTest) -> list[Overheard]:
     """Return what is heard of a round."""
     tap = rig.run.tap()
     rig.step()
@@ -87,7 +90,7 @@ def heard(rig: Rig) -> list[Overheard]:
 
 
 @pytest.mark.thorough
-def test_who_was_mended_is_started_again(cubepath_run: StartRun) -> None:
+def test_who_was_mended_is_started_again(cubepath_run: RunFixture) -> None:
     """A death that the run has mended by itself is over."""
     rig = cubepath_run("hex:n=7", "random", clock="free", on_crash="restart", max_rounds=10**6)
     before = rig.pids["process_1"]

@@ -11,13 +11,13 @@ from complexes import f_vector, states_of
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.families.assembly import PLANS, Plan, pyramid, tree, wall
+from cubepath.protocol.scenes.families.assembly import PLANS, AssemblyPlan, pyramid, tree, wall
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Step = tuple[object, str]
 
 
-def orders(plan: Plan, *, weld: bool) -> dict[Step, set[Step]]:
+def orders(plan: AssemblyPlan, *, weld: bool) -> dict[Step, set[Step]]:
     """Return what must be done before each step."""
     found: dict[Step, set[Step]] = {
         (part, "place"): {(other, "place") for other in plan.below[part]} for part in plan.middles
@@ -30,7 +30,7 @@ def orders(plan: Plan, *, weld: bool) -> dict[Step, set[Step]]:
     return found
 
 
-def ideals(plan: Plan, *, weld: bool) -> int:
+def ideals(plan: AssemblyPlan, *, weld: bool) -> int:
     """Count the sets of steps that hold all that must be done before, by trying all sets."""
     before = orders(plan, weld=weld)
     sets = chain.from_iterable(combinations(before, size) for size in range(len(before) + 1))

@@ -75,6 +75,7 @@ class VectorActors:
     module gave up in the last round which it was, the first of them, and why: ``module_3: no way``.
 
     >>> import numpy as np
+    >>> from cubepath.agents.environments.vector_environment import CubepathVectorEnv
     >>> env = CubepathVectorEnv("agv:graph=grid3x3,n=2", num_envs=3)
     >>> seen, infos = env.reset(seed=1)
     >>> actors = vector_actors_for(env.scene, "random", seeds=[1, 2, 3])

@@ -21,7 +21,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import Turn
 
 
-class FreePlaying:
+class FreeRuleAudit:
     """The rules of a recording; the `FreePlayer` of its verification."""
 
     def __init__(self, recording: Recording, files: Collection[str] = ()) -> None:

@@ -38,7 +38,7 @@ _NO_MOVE = (InputError, TypeError, IndexError, ValueError)
 """What a system says of a place of whatever form, which no file was checked for."""
 
 
-class Parts:
+class ScheduleParts:
     """The parts of the modules in a schedule."""
 
     def __init__(self, system: System, cubes: Cubes) -> None:
@@ -90,7 +90,7 @@ _Named = tuple[str, Site | None] | None
 """A move by its generator and place; None where there is none."""
 
 
-class Playing:
+class RuleAudit:
     """The rules of a recording; the `Player` of its verification."""
 
     def __init__(self, recording: Recording, files: Collection[str] = ()) -> None:
@@ -113,7 +113,7 @@ class Playing:
         self._actors: dict[int, Actor] = {}
         self._notes: dict[int, tuple[int, ...]] = {}
         self._first_choice = 1
-        self._parts: Parts | None = None
+        self._parts: ScheduleParts | None = None
         self._stages = deque(stages_in(recording))
         if self._is_told():
             if recording.schedule is not None:
@@ -137,7 +137,7 @@ class Playing:
 
     def _follow_schedule(self, text: bytes) -> None:
         try:
-            self._parts = Parts(self._system, schedule_from_jsonl(text))
+            self._parts = ScheduleParts(self._system, schedule_from_jsonl(text))
         except InputError:
             self._unchecked = "the schedule on record is none"
 
@@ -343,7 +343,7 @@ class Playing:
 
     # A schedule.
 
-    def _play_parts(self, parts: Parts, moment: Moment, fail: _Fail) -> None:
+    def _play_parts(self, parts: ScheduleParts, moment: Moment, fail: _Fail) -> None:
         self._check_notes(moment, 0, fail)
         own, nobodys = parts.of_round(moment.round, moment.sites)
         gave_up = [n for n, each in moment.said.reports.items() if each.failed is not None]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from cubepath.agents.rules.registry import stands_for
-from cubepath.coordinator.auditing.free_playing import FreePlaying
-from cubepath.coordinator.auditing.playing import Playing
+from cubepath.coordinator.auditing.free_playing import FreeRuleAudit
+from cubepath.coordinator.auditing.playing import RuleAudit
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.stages import stages_in
@@ -35,8 +35,8 @@ def audit(
     return verify(
         found,
         progress,
-        player=lambda: Playing(found, rules),
-        free_player=lambda: FreePlaying(found, rules),
+        player=lambda: RuleAudit(found, rules),
+        free_player=lambda: FreeRuleAudit(found, rules),
     )
 
 

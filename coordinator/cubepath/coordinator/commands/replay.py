@@ -15,7 +15,7 @@ from cubepath.coordinator.commands.usage import AddCommand, number
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.playback.comparing import Replayed
+    from cubepath.coordinator.playback.comparing import ReplayResult
     from cubepath.coordinator.playback.playing import PlayOptions
     from cubepath.protocol.recordings.recording import Recording
 
@@ -183,7 +183,7 @@ def _given(options: argparse.Namespace) -> PlayOptions:
     return given
 
 
-def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
+def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
     """Play it under the keys of a terminal if it takes time, and else to its end."""
     given = _given(options)
     takes_time = options.loop or options.start_paused or given.get("rate") not in (None, "max")
@@ -207,7 +207,7 @@ def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
         return replay(recording, announce=announce, **given)
 
 
-def _rows(found: Replayed) -> list[tuple[str, Any]]:
+def _rows(found: ReplayResult) -> list[tuple[str, Any]]:
     rows: list[tuple[str, Any]] = []
     if found.after or found.rounds_compared > found.rounds:
         step = found.steps[:-1]

@@ -13,7 +13,7 @@ from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.experiments.tables import Table
+    from cubepath.coordinator.experiments.tables import ReportTable
 
 _WIDE = 100
 """The letters in a line of a table's note."""
@@ -43,7 +43,7 @@ def _report(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _lines(table: Table) -> list[str]:
+def _lines(table: ReportTable) -> list[str]:
     """Return a table in columns, and what these are; nothing without rows."""
     if not table.rows:
         return []

@@ -22,7 +22,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import gathered_run
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
-from cubepath.coordinator.experiments.setting import Setting, slow_modules
+from cubepath.coordinator.experiments.setting import RunSetting, slow_modules
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -59,7 +59,7 @@ _done_in_python = _DoneInPython()
 
 
 def play_compiled(
-    setting: Setting, facts: SceneFacts, seeds: tuple[int, ...]
+    setting: RunSetting, facts: SceneFacts, seeds: tuple[int, ...]
 ) -> Iterator[PlayedRun]:
     """Yield the runs of a setting, one for each seed."""
     if setting.clock == "free":
@@ -104,7 +104,7 @@ def play_compiled(
 
 
 def _all_played(  # noqa: PLR0917 - what runs side by side have in common, and what each has
-    setting: Setting,
+    setting: RunSetting,
     facts: SceneFacts,
     seeds: tuple[int, ...],
     made: MadeMoves,
@@ -175,7 +175,7 @@ def _digest(kinds: _Kinds, modules: list[int], moves: list[int], ends: list[int]
     return digest.text()
 
 
-def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
+def _free(setting: RunSetting, facts: SceneFacts, seed: int) -> PlayedRun:
     began, scene = time.monotonic(), facts.scene
     slow = slow_modules(setting, scene, seed)
     played = play_free(

@@ -36,15 +36,15 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.vector_actors import vector_actors_for
 from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.playing import late, play_batch
-from cubepath.coordinator.experiments.rows import Finished
-from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.rows import FinishedRun
+from cubepath.coordinator.experiments.setting import RunBatch
 from cubepath.coordinator.experiments.time_limits import GRACE_S
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.protocol.compiled import PLAIN_STEPS, allowance
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 
-def warm(executor: Executor, batches: Iterable[Batch]) -> None:
+def warm(executor: Executor, batches: Iterable[RunBatch]) -> None:
     """Let two workers compile what runs of these batches take, if it is not on disk."""
     rules = {
         batch.setting.rule: batch.setting.system
@@ -91,7 +91,7 @@ class Workers(Protocol):
     """How many workers there are, once they are started."""
 
     @property
-    def play(self) -> Callable[[Batch, Path | None], list[Finished]]:
+    def play(self) -> Callable[[RunBatch, Path | None], list[FinishedRun]]:
         """Return what a worker calls with a batch."""
         ...
 
@@ -104,15 +104,17 @@ class Workers(Protocol):
         ...
 
 
-def played_here(batches: Iterable[Batch], recordings: Path | None) -> Iterator[list[Finished]]:
+def played_here(
+    batches: Iterable[RunBatch], recordings: Path | None
+) -> Iterator[list[FinishedRun]]:
     """Play batches in this process, one after another."""
     for batch in batches:
         yield play_batch(batch, recordings)
 
 
 def played_by(
-    workers: Workers, batches: Iterable[Batch], recordings: Path | None, *, few: bool = False
-) -> Generator[list[Finished]]:
+    workers: Workers, batches: Iterable[RunBatch], recordings: Path | None, *, few: bool = False
+) -> Generator[list[FinishedRun]]:
     """Yield the rows of batches as they are finished; whatever happens, no worker is left at it.
 
     For `few` runs nothing is compiled beforehand.
@@ -133,18 +135,18 @@ class _Playing:
     """What is handed out, and what has to be played alone."""
 
     workers: Workers
-    left: deque[Batch]
+    left: deque[RunBatch]
     recordings: Path | None
     few: bool
-    running: dict[Future[list[Finished]], Batch] = field(default_factory=dict)
-    _suspects: deque[Batch] = field(default_factory=deque)
+    running: dict[Future[list[FinishedRun]], RunBatch] = field(default_factory=dict)
+    _suspects: deque[RunBatch] = field(default_factory=deque)
     """Runs during which a process died: each has to be played alone."""
     _alone: bool = False
     """Whether one of these is played now."""
     _began_s: float = 0.0
     """When something was handed out last."""
 
-    def results(self) -> Iterator[list[Finished]]:
+    def results(self) -> Iterator[list[FinishedRun]]:
         executor = self.workers.start()
         with suppress(Exception):  # whoever plays a run meets it again, and says so in its row
             warm(executor, () if self.few else self.left)
@@ -178,7 +180,7 @@ class _Playing:
         while self.left and len(self.running) < _AHEAD * self.workers.count:
             self._submit(executor, self.left.popleft())
 
-    def _submit(self, executor: Executor, batch: Batch) -> None:
+    def _submit(self, executor: Executor, batch: RunBatch) -> None:
         try:
             future = executor.submit(self.workers.play, batch, self.recordings)
         except BrokenExecutor as error:
@@ -187,7 +189,7 @@ class _Playing:
         self.running[future] = batch
         self._began_s = time.monotonic()
 
-    def _died(self, batch: Batch, error: BaseException) -> Finished:
+    def _died(self, batch: RunBatch, error: BaseException) -> FinishedRun:
         """Return the row of the one run of a batch, whose process died, or failed, twice."""
         seconds = time.monotonic() - self._began_s
         if batch.timeout_s is not None and seconds >= batch.timeout_s + GRACE_S:
@@ -196,7 +198,7 @@ class _Playing:
         return failed(batch, batch.seeds[0], DIED, _why(error))
 
 
-def _error(future: Future[list[Finished]]) -> BaseException | None:
+def _error(future: Future[list[FinishedRun]]) -> BaseException | None:
     return CancelledError("cancelled") if future.cancelled() else future.exception()
 
 

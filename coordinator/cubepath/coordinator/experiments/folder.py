@@ -28,11 +28,11 @@ from cubepath.coordinator.experiments.rows import (
     ROUND_MEASURES,
     RUN_COLUMNS,
     TIMEOUT,
-    Finished,
+    FinishedRun,
     Row,
     in_canonical_order,
 )
-from cubepath.coordinator.experiments.setting import OF_SCENES, Batch
+from cubepath.coordinator.experiments.setting import OF_SCENES, RunBatch
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import (
@@ -70,7 +70,7 @@ def table_of(rows: Sequence[Row], columns: Mapping[str, str]) -> Any:
     return pa.table(values, schema=schema)
 
 
-def _rounds_table(runs: Sequence[Finished]) -> Any:
+def _rounds_table(runs: Sequence[FinishedRun]) -> Any:
     """Return the rounds of runs as a pyarrow table, made from their arrays."""
     pa = arrow()
     counts = [each.run["rounds"] or 0 for each in runs]
@@ -96,7 +96,7 @@ class SweepFolder:
         self.folder = folder
         self._lock: IO[bytes] | None = None
         self._locked_first = False
-        self._waiting: list[Finished] = []
+        self._waiting: list[FinishedRun] = []
         self._written_s = 0.0
 
     def __enter__(self) -> Self:
@@ -152,7 +152,7 @@ class SweepFolder:
             stream.write(json.dumps(told, indent=1).encode())
 
     def begin(
-        self, batches: Iterable[Batch], timeout_s: float | None = None
+        self, batches: Iterable[RunBatch], timeout_s: float | None = None
     ) -> dict[str, str | None]:
         """Take note that these are played now; return the recordings of finished runs by their ids.
 
@@ -196,7 +196,7 @@ class SweepFolder:
             self._write("rounds", name, table_of([], ROUND_COLUMNS))
             self._write("runs", name, table_of(rows, RUN_COLUMNS))
 
-    def add(self, rows: Iterable[Finished]) -> None:
+    def add(self, rows: Iterable[FinishedRun]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
         self._waiting += rows
         late = time.monotonic() - self._written_s > _SECONDS_MAX
@@ -254,7 +254,7 @@ def read_mark(folder: Path) -> list[str]:
     raise InputError(f"{mark}: expected that of a sweep, of the format {_FORMAT}")
 
 
-def _version(batch: Batch) -> str:
+def _version(batch: RunBatch) -> str:
     return f"{batch.code} {batch.setting.scene} {batch.setting.source}"
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.experiments.facts import SceneFacts, facts_of
-from cubepath.coordinator.experiments.rows import ROUND_MEASURES, RUN_COLUMNS, Finished, Row
-from cubepath.coordinator.experiments.setting import Batch, run_id
+from cubepath.coordinator.experiments.rows import ROUND_MEASURES, RUN_COLUMNS, FinishedRun, Row
+from cubepath.coordinator.experiments.setting import RunBatch, run_id
 from cubepath.protocol.core.sites import Site
 
 GOAL, MAX_ROUNDS, BLOCKED, GAVE_UP, FAULT, ERROR, DIED = (
@@ -56,7 +56,7 @@ class PlayedRun:
     seconds: float = 0.0
 
 
-def finished(batch: Batch, seed: int, played: PlayedRun) -> Finished:
+def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
     """Return the rows of a run."""
     setting = batch.setting
     facts = facts_of(setting.system, setting.optimum, setting.improve)
@@ -101,7 +101,7 @@ def finished(batch: Batch, seed: int, played: PlayedRun) -> Finished:
         "missing": _after_rounds(facts.missing, played.measures[0], played),
         "distance": _after_rounds(facts.distance, played.measures[1], played),
     }
-    return Finished(row, rounds)
+    return FinishedRun(row, rounds)
 
 
 def _after_rounds(
@@ -115,8 +115,8 @@ def _after_rounds(
 
 
 def failed(
-    batch: Batch, seed: int, ended: str, reason: str, seconds: float = 0.0, *, known: bool = True
-) -> Finished:
+    batch: RunBatch, seed: int, ended: str, reason: str, seconds: float = 0.0, *, known: bool = True
+) -> FinishedRun:
     """Return the row of a run of which nothing came but a reason.
 
     `known` tells whether it is known how the scene is: to find that out may take for ever.
@@ -135,10 +135,10 @@ def failed(
         "seconds": round(seconds, 4),
     }
     nothing = np.zeros(0, np.int64)
-    return Finished(row, dict.fromkeys(ROUND_MEASURES, nothing))
+    return FinishedRun(row, dict.fromkeys(ROUND_MEASURES, nothing))
 
 
-def _row(batch: Batch, seed: int, facts: SceneFacts | None) -> Row:
+def _row(batch: RunBatch, seed: int, facts: SceneFacts | None) -> Row:
     """Return what is known of a run before it is played, with None for all else."""
     setting = batch.setting
     row: Row = dict.fromkeys(RUN_COLUMNS)

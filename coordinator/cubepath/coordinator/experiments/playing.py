@@ -23,10 +23,10 @@ from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.facts import SceneFacts, facts_of, forget_facts
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import AGAIN, PREVENTED, TIMEOUT, Finished, Row
+from cubepath.coordinator.experiments.rows import AGAIN, PREVENTED, TIMEOUT, FinishedRun, Row
 from cubepath.coordinator.experiments.setting import (
-    Batch,
-    Setting,
+    RunBatch,
+    RunSetting,
     code_version,
     scene_hash,
     source_hash,
@@ -52,7 +52,7 @@ class _PreventedError(Exception):
     """Runs cannot be played here; the text says why."""
 
 
-def play_batch(batch: Batch, recordings: Path | None = None) -> list[Finished]:
+def play_batch(batch: RunBatch, recordings: Path | None = None) -> list[FinishedRun]:
     """Play the runs of a batch and return their rows, in the order of the seeds.
 
     With a folder for `recordings`, each run with messages leaves one there, named by its id. A run
@@ -96,12 +96,12 @@ def play_batch(batch: Batch, recordings: Path | None = None) -> list[Finished]:
     return _each_alone(batch, recordings)
 
 
-def _each_alone(batch: Batch, recordings: Path | None) -> list[Finished]:
+def _each_alone(batch: RunBatch, recordings: Path | None) -> list[FinishedRun]:
     each = [play_batch(replace(batch, seeds=(seed,)), recordings) for seed in batch.seeds]
     return [row for rows in each for row in rows]
 
 
-def late(batch: Batch, seconds: float, *, known: bool, more: str = "") -> Finished:
+def late(batch: RunBatch, seconds: float, *, known: bool, more: str = "") -> FinishedRun:
     """Return the row of the one run of a batch, which was over its limit of time."""
     timeout_s = batch.timeout_s or 0.0
     reason = over_limit(timeout_s) + more
@@ -122,7 +122,7 @@ def _of_the_machine(error: BaseException | None) -> bool:
     return False
 
 
-def _ended(run: Finished) -> Finished:
+def _ended(run: FinishedRun) -> FinishedRun:
     """Return a run; one whose processes had no more of something was prevented."""
     row = run.run
     if row["ended"] == ERROR and any(text in (row["reason"] or "") for text in _MACHINE):
@@ -130,14 +130,14 @@ def _ended(run: Finished) -> Finished:
     return run
 
 
-def _prevented(batch: Batch, seed: int, why: str) -> Finished:
+def _prevented(batch: RunBatch, seed: int, why: str) -> FinishedRun:
     """Return the row of a run that cannot be played here, where its scene may be another."""
     found = failed(batch, seed, PREVENTED, why)
     found.run.update(family="", modules=None, best_known=batch.setting.best_known)
     return found
 
 
-def loaded_facts(setting: Setting, *, optimum: int, improve: int) -> SceneFacts:
+def loaded_facts(setting: RunSetting, *, optimum: int, improve: int) -> SceneFacts:
     """Return what these searches find in the scene of a setting, as its file is now.
 
     InputError if that is not the scene that was asked for.
@@ -152,7 +152,7 @@ def loaded_facts(setting: Setting, *, optimum: int, improve: int) -> SceneFacts:
     return facts
 
 
-def _check(batch: Batch) -> None:
+def _check(batch: RunBatch) -> None:
     """Raise an error if cubepath, the scene or the rule are not those of the batch."""
     if code_version() != batch.code:
         raise _PreventedError(f"this process has cubepath {code_version()}, expected {batch.code}")
@@ -165,7 +165,7 @@ def _check(batch: Batch) -> None:
         raise _PreventedError(why)
 
 
-def _other(setting: Setting) -> str | None:
+def _other(setting: RunSetting) -> str | None:
     """Return which of the scene and the rule is not loaded as it is to be, in a line, or None."""
     try:
         found = facts_of(setting.system, setting.optimum, setting.improve).hashed
@@ -182,7 +182,7 @@ def _other(setting: Setting) -> str | None:
     return None
 
 
-def _read_again(setting: Setting) -> str:
+def _read_again(setting: RunSetting) -> str:
     """Return the hash of the scene as it is now."""
     try:
         return scene_hash(scene_from_spec(setting.system))
@@ -190,7 +190,7 @@ def _read_again(setting: Setting) -> str:
         raise _PreventedError(_told(error)) from None
 
 
-def _check_again(setting: Setting) -> None:
+def _check_again(setting: RunSetting) -> None:
     """Raise an error if the files of a run have changed that its nodes read for themselves."""
     if setting.core == "wire":
         forget_rule_files()
@@ -198,7 +198,7 @@ def _check_again(setting: Setting) -> None:
         raise _PreventedError("its files were changed while it was played")
 
 
-def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
+def _played(batch: RunBatch, recordings: Path | None) -> Iterator[PlayedRun]:
     setting = batch.setting
     facts = facts_of(setting.system, setting.optimum, setting.improve)
     if setting.core == "compiled":
@@ -217,12 +217,12 @@ def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
 _SEARCHES = ("optimum", "improve")
 
 
-def searching(batches: Iterable[Batch]) -> bool:
+def searching(batches: Iterable[RunBatch]) -> bool:
     """Return whether anything is searched for in scenes."""
     return any(getattr(batch.setting, name) for batch in batches for name in _SEARCHES)
 
 
-def searched_again(batches: Iterable[Batch], rows: Iterable[Row]) -> Iterator[Row]:
+def searched_again(batches: Iterable[RunBatch], rows: Iterable[Row]) -> Iterator[Row]:
     """Yield the rows of known runs for whose scenes more is searched now, with what is found.
 
     A row is as that of a run which is played with these searches, and keeps what was known.

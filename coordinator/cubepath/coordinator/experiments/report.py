@@ -26,7 +26,7 @@ from cubepath.coordinator.experiments.plots import INK, Plot, plots_of
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import (
-    Table,
+    ReportTable,
     groups,
     growth_table,
     pairs_table,
@@ -62,7 +62,10 @@ svg text { font-family: system-ui, "DejaVu Sans", sans-serif !important; }
 
 
 def page_of(
-    title: str, facts: Sequence[tuple[str, object]], tables: Iterable[Table], plots: Iterable[Plot]
+    title: str,
+    facts: Sequence[tuple[str, object]],
+    tables: Iterable[ReportTable],
+    plots: Iterable[Plot],
 ) -> str:
     """Return the page as HTML."""
     told = "".join(
@@ -93,7 +96,7 @@ def _figure(plot: Plot) -> str:
     return f'<figure>{head} role="img" aria-label="{escape(plot.title)}">{rest}</figure>'
 
 
-def _table(table: Table) -> str:
+def _table(table: ReportTable) -> str:
     if not table.rows:
         return ""
     texts = table.texts()
@@ -122,7 +125,7 @@ PAGE = "report.html"
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class SweepReport:
     """A report: its tables, and the files that were written, the page first.
 
     `older` counts the runs of the folder that are in no table, as their scene or rule has changed
@@ -131,7 +134,7 @@ class Report:
 
     runs: int
     older: int
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     files: tuple[Path, ...]
 
     def document(self) -> dict[str, Any]:
@@ -144,7 +147,7 @@ class Report:
         }
 
 
-def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
+def write_report(folder: Path | str, out: Path | str | None = None) -> SweepReport:
     """Write the report on a sweep's folder: a page, and each plot as SVG and PNG.
 
     The files are written to `out`, by default the folder ``report`` in that of the sweep. Returns
@@ -178,7 +181,7 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     for name, data in files.items():
         with written_whole(file_within(target, name)) as stream:
             stream.write(data)
-    return Report(len(rows), older, tables, tuple(target / name for name in files))
+    return SweepReport(len(rows), older, tables, tuple(target / name for name in files))
 
 
 def distances(folder: Path, ids: Collection[str]) -> dict[str, NDArray[np.int64]]:

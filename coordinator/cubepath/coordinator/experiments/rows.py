@@ -84,7 +84,7 @@ _NUMBERS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
-class Finished:
+class FinishedRun:
     """A run that is over: its row, and its rounds.
 
     `rounds` has for each of `ROUND_MEASURES` an array of shape (rounds,), None if it is not known.

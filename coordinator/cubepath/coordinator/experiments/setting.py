@@ -153,7 +153,7 @@ class FaultRates:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class RunSetting:
     """All that decides what comes of a run but its seed.
 
     `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
@@ -197,10 +197,10 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class RunBatch:
     """Runs of one setting that are played together, a seed each."""
 
-    setting: Setting
+    setting: RunSetting
     seeds: tuple[int, ...]
     code: str
     """The version of the code that the runs are to be of."""
@@ -213,7 +213,7 @@ class Batch:
         return tuple(_completed(begun, seed, rest) for seed in self.seeds)
 
 
-def run_id(setting: Setting, seed: int, code: str) -> str:
+def run_id(setting: RunSetting, seed: int, code: str) -> str:
     """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it.
 
     It is that of a JSON object with sorted keys, which is put together here: there may be millions.
@@ -230,7 +230,7 @@ def _completed(begun: Any, seed: int, rest: bytes) -> str:
 
 
 @lru_cache(maxsize=256)
-def _around_seed(setting: Setting, code: str) -> tuple[Any, bytes]:
+def _around_seed(setting: RunSetting, code: str) -> tuple[Any, bytes]:
     """Return the hash of what is before the seed in a run's JSON, and what comes after it."""
     told = {**setting.deciding(), "code": code}
     before, after = (
@@ -275,7 +275,7 @@ _STREAM = 3
 """What a stream of random numbers is for, beside those of rules, schedulers and late sights."""
 
 
-def slow_modules(setting: Setting, scene: Scene, seed: int) -> list[int]:
+def slow_modules(setting: RunSetting, scene: Scene, seed: int) -> list[int]:
     """Return the slow modules of a run by number: a share of all, drawn from its seed alone."""
     modules = len(scene.start)
     count = round(setting.faults.slow * modules)
@@ -283,7 +283,7 @@ def slow_modules(setting: Setting, scene: Scene, seed: int) -> list[int]:
     return sorted(drawn.tolist())
 
 
-def thinking(setting: Setting, scene: Scene, seed: int) -> dict[int, float]:
+def thinking(setting: RunSetting, scene: Scene, seed: int) -> dict[int, float]:
     """Return how slowly each module thinks without rounds, in runs with messages.
 
     1 is 10 ms for a choice. Where no share of slow modules is given nobody takes time to think, and

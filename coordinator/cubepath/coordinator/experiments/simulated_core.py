@@ -21,7 +21,7 @@ from cubepath.coordinator.experiments.outcomes import (
     MAX_ROUNDS,
     PlayedRun,
 )
-from cubepath.coordinator.experiments.setting import FaultRates, Setting, thinking
+from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
@@ -84,7 +84,9 @@ class _AtRates:
         """Return None: nobody lies."""
 
 
-def play_simulated(setting: Setting, facts: SceneFacts, seed: int, log: Path | None) -> PlayedRun:
+def play_simulated(
+    setting: RunSetting, facts: SceneFacts, seed: int, log: Path | None
+) -> PlayedRun:
     """Return a run under the simulator; with a `log` its recording is written there."""
     if setting.clock == "free":
         return _free(setting, facts, seed)
@@ -108,7 +110,7 @@ def play_simulated(setting: Setting, facts: SceneFacts, seed: int, log: Path | N
     return played
 
 
-def _ended(found: Simulated, setting: Setting) -> tuple[str, str | None]:
+def _ended(found: Simulated, setting: RunSetting) -> tuple[str, str | None]:
     if found.failure is not None:
         return _of_failure(found.failure.kind, setting), found.failure.detail
     error = None if found.ending is None else found.ending.error
@@ -123,11 +125,11 @@ def _ended(found: Simulated, setting: Setting) -> tuple[str, str | None]:
             return FAULT, error
 
 
-def _of_failure(kind: str, setting: Setting) -> str:
+def _of_failure(kind: str, setting: RunSetting) -> str:
     return FAULT if setting.faults.of_messages and kind in _EXPECTED else ERROR
 
 
-def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
+def _free(setting: RunSetting, facts: SceneFacts, seed: int) -> PlayedRun:
     began, scene = time.monotonic(), facts.scene
     factors = thinking(setting, scene, seed)
     scenario = FreeScenario(
@@ -155,7 +157,7 @@ def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
     return played
 
 
-def _free_end(found: FreeSimulated, setting: Setting) -> tuple[str, str | None]:
+def _free_end(found: FreeSimulated, setting: RunSetting) -> tuple[str, str | None]:
     if found.failure is None:
         over = found.came_to == "moves" and found.moves < found.scenario.moves
         return (

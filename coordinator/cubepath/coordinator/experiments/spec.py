@@ -28,11 +28,11 @@ from cubepath.coordinator.experiments.setting import (
     CORES,
     DELAY_MS_MAX,
     SLOW_FACTOR_MAX,
-    Batch,
     Clock,
     Core,
     FaultRates,
-    Setting,
+    RunBatch,
+    RunSetting,
     code_version,
     run_id,
     scene_hash,
@@ -152,7 +152,7 @@ def _check_rates(rates: FaultRates) -> None:
 class Expansion:
     """The runs of a sweep, settings by seeds in order, and why other combinations are left out."""
 
-    settings: tuple[Setting, ...]
+    settings: tuple[RunSetting, ...]
     seeds: tuple[int, ...]
     code: str
     timeout_s: float | None
@@ -164,13 +164,13 @@ class Expansion:
         return len(self.settings) * len(self.seeds)
 
     @property
-    def batches(self) -> Iterator[Batch]:
+    def batches(self) -> Iterator[RunBatch]:
         """Yield the runs that are played together, made as they are asked for."""
         for setting in self.settings:
             together = _TOGETHER[setting.core] if setting.clock == "lockstep" else 1
             for first in range(0, len(self.seeds), together):
                 seeds = self.seeds[first : first + together]
-                yield Batch(setting, seeds, self.code, self.timeout_s)
+                yield RunBatch(setting, seeds, self.code, self.timeout_s)
 
     @property
     def foreign(self) -> bool:
@@ -194,7 +194,7 @@ def expand(sweep: Sweep) -> Expansion:
     _scene.cache_clear()
     code = code_version()
     left_out: list[str] = []
-    settings: dict[str, Setting] = {}
+    settings: dict[str, RunSetting] = {}
     for instance in _instances(sweep.systems):
         try:
             scene = _scene(instance.system)
@@ -260,7 +260,7 @@ def _scene(system: str) -> Scene:
     return scene
 
 
-def is_small(batches: Iterable[Batch]) -> bool:
+def is_small(batches: Iterable[RunBatch]) -> bool:
     """Return whether runs are over sooner than other processes would be there to play them."""
     modules = 0
     for batch in batches:
@@ -274,7 +274,7 @@ def is_small(batches: Iterable[Batch]) -> bool:
 
 def _of_scene(
     sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
-) -> Iterator[Setting]:
+) -> Iterator[RunSetting]:
     hashed = scene_hash(scene)
     best_known, proved = _known_of(scene, hashed)
     axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
@@ -290,7 +290,7 @@ def _of_scene(
                 left_out.append(line)
             continue
         alone = core == "compiled"
-        yield Setting(
+        yield RunSetting(
             label=instance.label,
             system=instance.system,
             scene=hashed,

@@ -42,7 +42,7 @@ class Test(NamedTuple):
     name: str
 
 
-class Fit(NamedTuple):
+class PowerLaw(NamedTuple):
     """A power law ``size ** exponent``, with how much of the variance of the logarithms it has."""
 
     exponent: Interval
@@ -168,7 +168,7 @@ def paired_test(differences: Sequence[float]) -> Test:
     return Test(min(1.0, 2 * float(chances[: least + 1].sum())), "Wilcoxon")
 
 
-def power_law(sizes: Sequence[float], means: Sequence[float]) -> Fit | None:
+def power_law(sizes: Sequence[float], means: Sequence[float]) -> PowerLaw | None:
     """Return the least-squares line through the logarithms, a point for each size.
 
     The interval of the exponent is Student's, from how far the points lie off the line. None with
@@ -189,7 +189,7 @@ def power_law(sizes: Sequence[float], means: Sequence[float]) -> Fit | None:
     r_squared = 1.0 if total == 0 else 1 - float((left**2).sum()) / total
     freedom = len(x) - 2
     half = student(freedom) * sqrt(float((left**2).sum()) / freedom / spread)
-    return Fit(Interval(slope, slope - half, slope + half), exp(factor), r_squared)
+    return PowerLaw(Interval(slope, slope - half, slope + half), exp(factor), r_squared)
 
 
 def student(freedom: int) -> float:

@@ -15,11 +15,11 @@ from cubepath.coordinator.experiments.rows import (
     FAILURES,
     ROUND_COLUMNS,
     RUN_COLUMNS,
-    Finished,
+    FinishedRun,
     Row,
     in_canonical_order,
 )
-from cubepath.coordinator.experiments.setting import Batch, FaultRates, run_id
+from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
 from cubepath.coordinator.experiments.spec import (
     Expansion,
     Sweep,
@@ -31,7 +31,7 @@ from cubepath.coordinator.experiments.workers import Cluster, Pool
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 
-Watch = Callable[[Sequence[Finished]], object]
+Watch = Callable[[Sequence[FinishedRun]], object]
 """Is told of the runs that were just finished."""
 
 
@@ -180,7 +180,7 @@ def _plain(value: object) -> object:
     return [_plain(each) for each in value]
 
 
-def _ignore(_: Sequence[Finished]) -> None:
+def _ignore(_: Sequence[FinishedRun]) -> None:
     """Do nothing."""
 
 
@@ -227,7 +227,7 @@ def play_sweep(
         if writing is not None and before and searching(expansion.batches):
             earlier = results_of(expansion, writing.folder, before).rows
             writing.replace([*searched_again(expansion.batches, earlier)])
-        kept: list[Finished] = []
+        kept: list[FinishedRun] = []
         apart = apart or timeout_s is not None
         with closing(_played(left, recordings, jobs, cluster, apart=apart)) as played:
             for found in played:
@@ -270,12 +270,12 @@ def read_sweep(folder: Path | str) -> SweepResults:
     return SweepResults(rows, known=len(rows), folder=path)
 
 
-def _unrecorded(batch: Batch) -> bool:
+def _unrecorded(batch: RunBatch) -> bool:
     """Return whether runs have messages of which there is no recording."""
     return batch.setting.core == "simulated" and batch.setting.clock == "free"
 
 
-def _without(batch: Batch, known: Mapping[str, str | None], recordings: Path | None) -> Batch:
+def _without(batch: RunBatch, known: Mapping[str, str | None], recordings: Path | None) -> RunBatch:
     """Return what is left of a batch; where recordings are kept, also what lacks its own."""
     kept = None if batch.setting.core == "compiled" else recordings
 
@@ -290,13 +290,13 @@ def _without(batch: Batch, known: Mapping[str, str | None], recordings: Path | N
 
 
 def _played(
-    batches: Sequence[Batch],
+    batches: Sequence[RunBatch],
     recordings: Path | None,
     jobs: int,
     cluster: str | None,
     *,
     apart: bool,
-) -> Generator[list[Finished]]:
+) -> Generator[list[FinishedRun]]:
     workers: Workers | None = None
     few = is_small(batches)
     if cluster is not None:

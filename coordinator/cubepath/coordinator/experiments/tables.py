@@ -38,7 +38,7 @@ _LEVELS = "levels of moves, which take no fixed time"
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     """A table: its title, what it says in a line or two, its columns, and its rows."""
 
     title: str
@@ -142,7 +142,7 @@ def rounds_or_limit(row: Row) -> int | None:
     return rounds
 
 
-def runs_table(rows: Sequence[Row]) -> Table:
+def runs_table(rows: Sequence[Row]) -> ReportTable:
     """Return what came of the runs of each setting."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
@@ -169,7 +169,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 sum(row["ended"] in FAILURES for row in several),
             )
         )
-    return Table(
+    return ReportTable(
         "Runs",
         "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
         " Pearson). Rounds are means over all runs, where a run that did not reach its goal counts"
@@ -201,7 +201,7 @@ def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interv
     return mean_interval(numbers) if numbers else None
 
 
-def pairs_table(rows: Sequence[Row]) -> Table:
+def pairs_table(rows: Sequence[Row]) -> ReportTable:
     """Return how the rules compare, two by two, on the same systems and seeds."""
     keys = varying(rows, WORLD)
     found = []
@@ -219,7 +219,7 @@ def pairs_table(rows: Sequence[Row]) -> Table:
             ]
             if pairs:
                 found.append((*key, one, other, *_compared(pairs)))
-    return Table(
+    return ReportTable(
         "Rules in pairs",
         "Runs of two rules from the same start with the same seed. The difference is that of the"
         " rounds of the second rule and the first, over the pairs in which both reached the goal,"
@@ -285,7 +285,7 @@ def by_size(rows: Sequence[Row], measure: str) -> Mapping[int, Interval]:
     }
 
 
-def growth_table(rows: Sequence[Row]) -> Table:
+def growth_table(rows: Sequence[Row]) -> ReportTable:
     """Return how rounds, moves and cubes grow with the size, where all runs arrived."""
     rows = [row | {"family": without_size(row["system"])} for row in rows]
     keys = ["family", *varying(rows, ("rule", *WORLD[1:]))]
@@ -301,7 +301,7 @@ def growth_table(rows: Sequence[Row]) -> Table:
                 found.append(
                     (*key, measure, sizes, len(means), fit.exponent, fit.factor, fit.r_squared)
                 )
-    return Table(
+    return ReportTable(
         "Growth",
         "Least squares of the logarithms: the mean is about factor x modules^exponent. The 95%"
         " interval of the exponent is Student's, from how far the means lie off the line: it shows"
@@ -355,7 +355,7 @@ def priced(rows: Iterable[Row]) -> list[Row]:
     return found
 
 
-def price_table(rows: Sequence[Row]) -> Table:
+def price_table(rows: Sequence[Row]) -> ReportTable:
     """Return what the runs of each setting paid: the three factors, and their product."""
     paid = priced(rows)
     keys = ["system", "rule", *varying(paid, WORLD)[1:]]
@@ -372,7 +372,7 @@ def price_table(rows: Sequence[Row]) -> Table:
                 *(_geometric(several, name) for name in (*FACTORS, "price")),
             )
         )
-    return Table(
+    return ReportTable(
         "Price",
         "What runs with rounds that reached their goal paid: rounds over the best known (that of"
         " all runs here included) is timing x class x rule factor. Timing is rounds over cubes,"

@@ -10,7 +10,7 @@ from pathlib import Path
 from cubepath.coordinator.experiments.facts import SceneFacts
 from cubepath.coordinator.experiments.gathered_runs import recorded_run
 from cubepath.coordinator.experiments.outcomes import ERROR, GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
-from cubepath.coordinator.experiments.setting import Setting, thinking
+from cubepath.coordinator.experiments.setting import RunSetting, thinking
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
@@ -23,7 +23,7 @@ _GAVE_UP = "module_"
 """How the error of a run begins if a rule gave up."""
 
 
-def play_on_wire(setting: Setting, facts: SceneFacts, seed: int, log: Path | None) -> PlayedRun:
+def play_on_wire(setting: RunSetting, facts: SceneFacts, seed: int, log: Path | None) -> PlayedRun:
     """Return a run in processes; its recording goes to `log`, or else away.
 
     KeyboardInterrupt if it was interrupted.
@@ -49,7 +49,7 @@ def discard_scratch() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _played(setting: Setting, facts: SceneFacts, seed: int, log: Path) -> PlayedRun:
+def _played(setting: RunSetting, facts: SceneFacts, seed: int, log: Path) -> PlayedRun:
     began = time.monotonic()
     scene, free = facts.scene, setting.clock == "free"
     outcome = run(

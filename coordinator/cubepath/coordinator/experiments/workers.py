@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from cubepath.coordinator.experiments.playing import play_batch
-from cubepath.coordinator.experiments.rows import Finished
-from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.rows import FinishedRun
+from cubepath.coordinator.experiments.setting import RunBatch
 from cubepath.coordinator.experiments.wire_core import discard_scratch
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -48,7 +48,7 @@ def _end() -> None:
     os._exit(_ENDED)
 
 
-def play_or_end(batch: Batch, recordings: Path | None) -> list[Finished]:
+def play_or_end(batch: RunBatch, recordings: Path | None) -> list[FinishedRun]:
     """Play a batch in a process of a pool, which ends if a run of it is told to."""
     try:
         return play_batch(batch, recordings)

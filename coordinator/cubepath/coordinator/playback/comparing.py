@@ -32,7 +32,7 @@ from cubepath.protocol.wire.messages import (
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
+class MissingPart:
     """What is missing of a run in its recording."""
 
     cut_off: bool
@@ -41,13 +41,13 @@ class Extent:
     """Why messages are missing at the start or in between, in a line; None if none are."""
 
 
-def extent_of(recording: Recording) -> Extent:
+def extent_of(recording: Recording) -> MissingPart:
     """Return how much of its run a recording holds."""
     lacking = why_partial(recording)
     if lacking is None and (hole := hole_in(recording)) is not None:
         lacking = str(hole)
     cut_off = lacking is not None or bool(recording.problems) or is_cut_off(recording)
-    return Extent(cut_off, lacking)
+    return MissingPart(cut_off, lacking)
 
 
 _RESULTS = ("cubes", "summary")
@@ -55,7 +55,7 @@ _RESULTS = ("cubes", "summary")
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
+class ReplayResult:
     """The result of a replay; `same` says whether all of it was compared, and agrees.
 
     `differences` has one line for each place where it does not, and where the recording has nothing
@@ -157,7 +157,7 @@ def _spans(numbers: set[int], last: int) -> str:
     return spans_text(found)
 
 
-class Compared(NamedTuple):
+class SegmentResult(NamedTuple):
     """What came of comparing some rounds, or levels, with the edges on record."""
 
     rounds: set[int]
@@ -171,7 +171,7 @@ class Comparison:
     Of a recording that lacks messages only what is there is compared.
     """
 
-    def __init__(self, recording: Recording, gathered: Gathered, extent: Extent) -> None:
+    def __init__(self, recording: Recording, gathered: Gathered, extent: MissingPart) -> None:
         """Compare everything."""
         self._recording = recording
         self._gatherer = gathered
@@ -290,7 +290,7 @@ class Comparison:
 
 def rounds_compared(
     recording: Recording, gathered: Gathered, base: int, *, lacking: bool
-) -> Compared:
+) -> SegmentResult:
     """Compare rounds that were gathered from a state after round `base` with those on record.
 
     Edges that are not there are a difference if later ones are, unless messages are `lacking`.
@@ -313,13 +313,13 @@ def _edges_compared(
     *,
     lacking: bool,
     whole: bool = False,
-) -> Compared:
+) -> SegmentResult:
     """Compare moves with the edges on record.
 
     Those that are not there are a difference if all have to be (`whole`), or if later ones are,
     since a run that was killed may have had no time to write the last.
     """
-    found = Compared(set(), [])
+    found = SegmentResult(set(), [])
     last = max(told, default=0)
     for step in gathered.steps:
         number = base + step.round

@@ -12,27 +12,27 @@ from itertools import islice
 from typing import TypeAlias
 
 from cubepath.coordinator.playback.orders import (
-    Back,
-    Look,
     Order,
     Pause,
     Play,
     Rate,
     Seek,
-    Step,
+    StatusQuery,
+    StepBack,
+    StepForward,
     Stop,
     Toggle,
     Unit,
     Why,
     checked,
 )
-from cubepath.coordinator.playback.selection import Selection
+from cubepath.coordinator.playback.selection import PlayedMessages
 from cubepath.coordinator.playback.timeline import (
     START,
-    Mark,
-    Pace,
-    Reel,
-    Spot,
+    Cursor,
+    PlaybackRate,
+    Timeline,
+    TimelinePosition,
     read_pace,
     read_spot,
 )
@@ -44,55 +44,55 @@ _BEFORE_MAX = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Put:
+class PutMessage:
     """Put this message now."""
 
     record: Record
-    mark: Mark
+    mark: Cursor
 
 
 @dataclass(frozen=True, slots=True)
-class Jumped:
+class PositionJump:
     """Say that the position has jumped."""
 
     why: Why
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class WaitForOrder:
     """Do nothing until an order comes, or until it is so late, in seconds of the caller's clock."""
 
     until: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Over:
+class AllPlayed:
     """All is played; it goes on if an order says so."""
 
 
-Deed: TypeAlias = Put | Jumped | Rest | Over
+Deed: TypeAlias = PutMessage | PositionJump | WaitForOrder | AllPlayed
 
 
 class Machine:
     """A player: `order` tells it what to do, and `next` what is to be done now.
 
-    >>> reel = Reel(read_recording("logs/golden/hex-5.mcap"))
-    >>> machine = Machine(reel, Selection(reel.recording), pace=Pace(2))
+    >>> reel = Timeline(read_recording("logs/golden/hex-5.mcap"))
+    >>> machine = Machine(reel, PlayedMessages(reel.recording), pace=PlaybackRate(2))
     >>> kinds = []
-    >>> while not isinstance(deed := machine.next(100.0), Rest):
+    >>> while not isinstance(deed := machine.next(100.0), WaitForOrder):
     ...     kinds.append(deed.record.kind)
     >>> len(kinds), deed  # the second round begins half a second later
-    (12, Rest(until=100.5))
+    (12, WaitForOrder(until=100.5))
     """
 
     def __init__(
         self,
-        reel: Reel,
-        selection: Selection,
+        reel: Timeline,
+        selection: PlayedMessages,
         *,
-        pace: Pace | None = None,
-        begin: Spot | None = None,
-        until: Spot | None = None,
+        pace: PlaybackRate | None = None,
+        begin: TimelinePosition | None = None,
+        until: TimelinePosition | None = None,
         loop: bool = False,
         paused: bool = False,
         delay_s: float = 0.0,
@@ -101,7 +101,7 @@ class Machine:
         """Stand at `begin`, and end after `until`; InputError if nothing lies in between."""
         self.reel = reel
         self.selection = selection
-        self.pace = Pace() if pace is None else pace
+        self.pace = PlaybackRate() if pace is None else pace
         self.begin = reel.settled(START) if begin is None else reel.find(begin)
         self.end = reel.end if until is None else reel.find(until, after=True)
         self.mark = self.begin
@@ -121,18 +121,18 @@ class Machine:
         """When the last message since then was due, or when it began to play."""
         self._held: float | None = None
         """The beat at which it was paused."""
-        self._burst: int | Mark | None = None
+        self._burst: int | Cursor | None = None
         """How many messages, or up to where, it puts at once although it is paused."""
         self._put_in_lap = False
 
-    def _check_ends(self, begin: Spot | None, until: Spot | None) -> None:
+    def _check_ends(self, begin: TimelinePosition | None, until: TimelinePosition | None) -> None:
         """Raise InputError if nothing is played from one place until the other."""
         reel = self.reel
         spans = [f"{name} {at}" for name, at in (("from", begin), ("until", until)) if at]
         where = " ".join(spans)
         if begin is not None and until is not None and begin.comes_after(until):
             raise InputError(f"{where}: expected a range upwards")
-        last = Spot(step=reel.step_at(reel.end)), Spot(seconds=reel.seconds)
+        last = TimelinePosition(step=reel.step_at(reel.end)), TimelinePosition(seconds=reel.seconds)
         if until is not None and any(until.comes_after(each) for each in last):
             raise InputError(
                 f"until {until}: not on record, which ends with {self._name} {last[0]} after"
@@ -160,7 +160,7 @@ class Machine:
         """Whether nothing is left to play."""
         return self._following() is None
 
-    def _following(self) -> tuple[Mark, Record] | None:
+    def _following(self) -> tuple[Cursor, Record] | None:
         """Go to the next message that is played, and return it; None at the end."""
         takes, kinds = self.selection.takes, self.selection.kinds
         found = self.reel.next(self.mark, kinds)
@@ -169,7 +169,7 @@ class Machine:
             if takes(record):
                 self.mark = mark
                 return found
-            found = self.reel.next(Mark(mark.chunk, mark.place + 1), kinds)
+            found = self.reel.next(Cursor(mark.chunk, mark.place + 1), kinds)
         self.mark = max(self.mark, self.end)
         return None
 
@@ -179,7 +179,7 @@ class Machine:
         """Return what is to be done at a time, in seconds of a clock that never goes back."""
         if self._jump is not None and not self.stopped:
             why, self._jump = self._jump, None
-            return Jumped(why)
+            return PositionJump(why)
         if self._delay_s is not None:
             self._not_before, self._delay_s = now + self._delay_s, None
         following = None if self.stopped else self._following()
@@ -187,13 +187,13 @@ class Machine:
             return self._put(following)
         if following is None:
             if self.stopped or self.paused or not (self.loop and self._put_in_lap):
-                return Over()
+                return AllPlayed()
             self._go(self.begin, "loop")
             self.laps += 1
             return self.next(now)
         due = self._due(following[1], now)
         if due is None or due > now:
-            return Rest(due)
+            return WaitForOrder(due)
         self._last_due = due
         return self._put(following)
 
@@ -209,13 +209,13 @@ class Machine:
             self._burst = left - 1
         return True
 
-    def _put(self, following: tuple[Mark, Record] | None) -> Put:
+    def _put(self, following: tuple[Cursor, Record] | None) -> PutMessage:
         if following is None:
             raise AssertionError("nothing to put")  # whoever calls has looked
         mark, record = following
-        self.mark = Mark(mark.chunk, mark.place + 1)
+        self.mark = Cursor(mark.chunk, mark.place + 1)
         self._put_in_lap = True
-        return Put(record, mark)
+        return PutMessage(record, mark)
 
     def _beat(self, record: Record) -> float:
         if self.pace.by == "clock":
@@ -254,18 +254,18 @@ class Machine:
                 self._pause(now)
             case Toggle():
                 self.order(Play() if self.paused else Pause(), now)
-            case Step(unit=unit, count=count):
+            case StepForward(unit=unit, count=count):
                 self._pause(now)
                 self._held = None
                 self._step(unit, count)
-            case Back(unit=unit, count=count):
+            case StepBack(unit=unit, count=count):
                 self._pause(now)
                 self._back(unit, count)
             case Seek(to=to):
                 self._go(self._within(read_spot(to)), "seek")
             case Rate(rate=rate, times=times):
                 self._change(rate, times, now)
-            case Stop() | Look():
+            case Stop() | StatusQuery():
                 self.stopped = self.stopped or isinstance(order, Stop)
 
     def _pause(self, now: float) -> None:
@@ -288,21 +288,21 @@ class Machine:
             self._anchor = self._held = None
         self.pace = new
 
-    def _faster(self, times: float) -> Pace:
+    def _faster(self, times: float) -> PlaybackRate:
         if self.pace.rate is None and times < 1:
-            return Pace(1, "clock") if self.reel.by_wall else Pace(_BEFORE_MAX)
+            return PlaybackRate(1, "clock") if self.reel.by_wall else PlaybackRate(_BEFORE_MAX)
         return self.pace.times(times)
 
-    def _go(self, mark: Mark, why: Why) -> None:
+    def _go(self, mark: Cursor, why: Why) -> None:
         self.mark = mark
         self._jump = why
         self._anchor = self._held = self._burst = None
         self._put_in_lap = False
 
-    def _within(self, spot: Spot) -> Mark:
+    def _within(self, spot: TimelinePosition) -> Cursor:
         """Return where a place is, which must lie between the ends of what is played."""
         found = self.reel.find(spot)
-        if found == self.reel.end and spot != Spot(step=self.reel.step_at(found)):
+        if found == self.reel.end and spot != TimelinePosition(step=self.reel.step_at(found)):
             raise InputError(
                 f"to {spot}: not on record, which ends with {self._name}"
                 f" {self.reel.step_at(found)} after {self.reel.seconds:.3f} s"
@@ -317,8 +317,10 @@ class Machine:
         elif (following := self._following()) is not None:
             step = self.reel.step_at(following[0])
             mark, _ = following
-            after = Mark(mark.chunk, mark.place + 1)
-            self._burst = max(self.reel.find(Spot(step=step + count - 1), after=True), after)
+            after = Cursor(mark.chunk, mark.place + 1)
+            self._burst = max(
+                self.reel.find(TimelinePosition(step=step + count - 1), after=True), after
+            )
 
     def _back(self, unit: Unit, count: int) -> None:
         mark = self.mark
@@ -330,11 +332,11 @@ class Machine:
                 last = next(self._before(mark), None)
                 if last is None:
                     break
-                begins = self.reel.find(Spot(step=self.reel.step_at(last)))
+                begins = self.reel.find(TimelinePosition(step=self.reel.step_at(last)))
                 mark = max(min(begins, last), self.begin)
         self._go(mark, "back")
 
-    def _before(self, mark: Mark) -> Iterator[Mark]:
+    def _before(self, mark: Cursor) -> Iterator[Cursor]:
         """Yield where the messages stand that are played before a mark, the last one first."""
         for where, record in self.reel.backward(mark, self.selection.kinds):
             if where < self.begin:

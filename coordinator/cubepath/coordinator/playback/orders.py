@@ -40,14 +40,14 @@ class Toggle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Pause if it plays, and play on if it is paused."""
 
 
-class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StepForward(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Put the next messages, or all up to the end of a round, and pause there."""
 
     unit: Unit = "message"
     count: int = 1
 
 
-class Back(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StepBack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Go back by messages, or to where the round of the last message began, and pause there."""
 
     unit: Unit = "message"
@@ -71,23 +71,23 @@ class Stop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """End the replay."""
 
 
-class Look(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StatusQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Change nothing; answer where it stands."""
 
 
-Order: TypeAlias = Play | Pause | Toggle | Step | Back | Seek | Rate | Stop | Look
+Order: TypeAlias = Play | Pause | Toggle | StepForward | StepBack | Seek | Rate | Stop | StatusQuery
 
 ORDERS: dict[str, type[Order]] = {
     "play": Play,
     "resume": Play,
     "pause": Pause,
     "toggle": Toggle,
-    "step": Step,
-    "back": Back,
+    "step": StepForward,
+    "back": StepBack,
     "seek": Seek,
     "rate": Rate,
     "stop": Stop,
-    "status": Look,
+    "status": StatusQuery,
 }
 """The last part of the key of each order."""
 
@@ -163,7 +163,7 @@ def read_order(name: str, given: Mapping[str, str]) -> Order:
     """Return the order of a name with these parameters; InputError in one line if it is none.
 
     >>> read_order("step", {"unit": "round"}), read_order("seek", {"to": "3.5s"})
-    (Step(unit='round', count=1), Seek(to='3.5s'))
+    (StepForward(unit='round', count=1), Seek(to='3.5s'))
     """
     kind = ORDERS.get(name)
     if kind is None:
@@ -180,7 +180,7 @@ def read_order(name: str, given: Mapping[str, str]) -> Order:
 def checked(order: Order) -> Order:
     """Return the order; InputError if what it says cannot be."""
     match order:
-        case Step(unit=unit, count=count) | Back(unit=unit, count=count):
+        case StepForward(unit=unit, count=count) | StepBack(unit=unit, count=count):
             known: Any = unit
             if known not in UNITS:
                 raise InputError(f"unit={unit}: expected message or round")
@@ -200,7 +200,7 @@ def checked(order: Order) -> Order:
     return order
 
 
-class Asked:
+class PendingOrder:
     """An order that waits to be carried out, and who is told what came of it."""
 
     def __init__(
@@ -222,7 +222,7 @@ class Asked:
 
 
 def answer_queries(
-    session: zenoh.Session, run: str, enqueue: Callable[[Asked], object]
+    session: zenoh.Session, run: str, enqueue: Callable[[PendingOrder], object]
 ) -> zenoh.Queryable[Any]:
     """Put every order that comes over zenoh into a queue, until the queryable is undeclared."""
 
@@ -233,7 +233,7 @@ def answer_queries(
     return session.declare_queryable(f"{player_key(run)}/*", callback)
 
 
-def _asked(query: zenoh.Query, run: str) -> Asked:
+def _asked(query: zenoh.Query, run: str) -> PendingOrder:
     name = str(query.key_expr).rpartition("/")[2]
     told = [each.partition("=") for each in str(query.parameters).split(";") if each]
     given = {key: value for key, _, value in told}
@@ -247,4 +247,4 @@ def _asked(query: zenoh.Query, run: str) -> Asked:
         query.reply_err(msgspec.json.encode(Refusal(why)))
         query.drop()
 
-    return Asked(lambda: read_order(name, given), answer, refuse)
+    return PendingOrder(lambda: read_order(name, given), answer, refuse)

@@ -15,24 +15,24 @@ from collections.abc import Callable, Collection
 from queue import Empty, SimpleQueue
 from typing import Self, TypeAlias, Unpack
 
-from cubepath.coordinator.playback.comparing import Replayed
+from cubepath.coordinator.playback.comparing import ReplayResult
 from cubepath.coordinator.playback.orders import (
-    Asked,
-    Back,
-    Look,
     Order,
     Pause,
+    PendingOrder,
     Play,
     PlayerStatus,
     Rate,
     Seek,
-    Step,
+    StatusQuery,
+    StepBack,
+    StepForward,
     Stop,
     Toggle,
     Unit,
     checked,
 )
-from cubepath.coordinator.playback.playing import Playing, PlayOptions
+from cubepath.coordinator.playback.playing import PlayOptions, ReplaySession
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.input_files import Source
@@ -40,7 +40,7 @@ from cubepath.protocol.recordings.recording import Recording, recording_of
 
 _OVER = "the replay is over: expected another Player(...) for another replay"
 _LOOK_S = 0.1
-_Answers: TypeAlias = SimpleQueue[PlayerStatus | Replayed | str]
+_Answers: TypeAlias = SimpleQueue[PlayerStatus | ReplayResult | str]
 
 
 class Player:
@@ -73,11 +73,11 @@ class Player:
         self._hold = hold
         given = PlayOptions(**options)
         given.setdefault("paused", True)
-        self._playing = Playing(recording_of(recording), **given)
+        self._playing = ReplaySession(recording_of(recording), **given)
         self._thread = threading.Thread(target=self._run, name="cubepath-player", daemon=True)
         self._error: BaseException | None = None
         self._over = threading.Event()
-        self._replayed: Replayed | None = None
+        self._replayed: ReplayResult | None = None
         self._entered = False
 
     @property
@@ -106,7 +106,7 @@ class Player:
     def close(self) -> None:
         """Stop, and leave nothing behind; nothing if that has been done."""
         if self._thread.is_alive():
-            self._playing.ask(Asked(Stop, lambda _: None, lambda _: None))
+            self._playing.ask(PendingOrder(Stop, lambda _: None, lambda _: None))
             self._thread.join()
 
     def _run(self) -> None:
@@ -136,11 +136,11 @@ class Player:
 
     def step(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
         """Put the next messages, or all up to the end of a round or level, and pause there."""
-        return self.order(Step(unit, count))
+        return self.order(StepForward(unit, count))
 
     def back(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
         """Go back by messages, or to where the round of the last message began, and pause."""
-        return self.order(Back(unit, count))
+        return self.order(StepBack(unit, count))
 
     def seek(self, to: int | str) -> PlayerStatus:
         """Go to where a round, level or time begins: 12, "12", "3.5s". It plays on if it did."""
@@ -157,7 +157,7 @@ class Player:
     @property
     def position(self) -> PlayerStatus:
         """Return where it stands."""
-        return self.order(Look())
+        return self.order(StatusQuery())
 
     def order(self, order: Order) -> PlayerStatus:
         """Give an order, and return where it stands when it was carried out.
@@ -165,12 +165,14 @@ class Player:
         InputError if that cannot be, CheckError if the replay is over, and what has ended it.
         """
         checked(order)
-        found = self._ask(lambda answers: Asked(lambda: order, answers.put, answers.put), None)
+        found = self._ask(
+            lambda answers: PendingOrder(lambda: order, answers.put, answers.put), None
+        )
         if isinstance(found, PlayerStatus):
             return found
         raise CheckError(_OVER)
 
-    def wait(self, timeout_s: float | None = None) -> Replayed:
+    def wait(self, timeout_s: float | None = None) -> ReplayResult:
         """Wait until all is played, or it was stopped; return what has come of it until then.
 
         CheckError if it is not within the time. Who waits for a player that is paused waits until
@@ -178,13 +180,13 @@ class Player:
         """
         limit = None if timeout_s is None else seconds("timeout_s", timeout_s)
 
-        def asked(answers: _Answers) -> Asked:
-            return Asked(
-                Look, lambda _: answers.put(self._playing.result()), answers.put, at_end=True
+        def asked(answers: _Answers) -> PendingOrder:
+            return PendingOrder(
+                StatusQuery, lambda _: answers.put(self._playing.result()), answers.put, at_end=True
             )
 
         found = self._ask(asked, limit)
-        if isinstance(found, Replayed):
+        if isinstance(found, ReplayResult):
             return found
         if self._replayed is None:
             raise CheckError(_OVER)
@@ -196,8 +198,8 @@ class Player:
         return self._over.is_set()
 
     def _ask(
-        self, asked: Callable[[_Answers], Asked], limit: float | None
-    ) -> PlayerStatus | Replayed | None:
+        self, asked: Callable[[_Answers], PendingOrder], limit: float | None
+    ) -> PlayerStatus | ReplayResult | None:
         """Return the answer, or None if the replay is over."""
         if not self._entered:
             raise CheckError("the player has not begun: expected 'with Player(...) as player:'")
@@ -235,7 +237,7 @@ def replay(
     kinds: Collection[str] | None = None,
     announce: Announce | None = None,
     **options: Unpack[PlayOptions],
-) -> Replayed:
+) -> ReplayResult:
     """Put the messages of modules back on zenoh, gather them from there, and compare the results.
 
     `kinds` are the kinds of `SAID` or `FREE_SAID` to put (all of them if None); the other options
@@ -250,7 +252,7 @@ def replay(
     'the same as recorded in 10 rounds; not compared: rounds 1 to 2, 13 to 29, cubes, summary'
     """
     recording = recording_of(recording)
-    with Playing(recording, kinds=kinds, **options) as playing:
+    with ReplaySession(recording, kinds=kinds, **options) as playing:
         if announce is not None:
             announce(playing.endpoint, playing.run)
         playing.play()

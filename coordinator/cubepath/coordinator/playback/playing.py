@@ -17,10 +17,21 @@ from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 import msgspec
 import zenoh
 
-from cubepath.coordinator.playback.comparing import Comparison, Replayed, extent_of, not_compared_of
-from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
+from cubepath.coordinator.playback.comparing import (
+    Comparison,
+    ReplayResult,
+    extent_of,
+    not_compared_of,
+)
+from cubepath.coordinator.playback.machine import (
+    AllPlayed,
+    Machine,
+    PositionJump,
+    PutMessage,
+    WaitForOrder,
+)
 from cubepath.coordinator.playback.orders import (
-    Asked,
+    PendingOrder,
     PlayerStatus,
     Position,
     Why,
@@ -28,9 +39,16 @@ from cubepath.coordinator.playback.orders import (
     player_key,
     position_key,
 )
-from cubepath.coordinator.playback.segments import Segments, States
-from cubepath.coordinator.playback.selection import Keys, Selection, check_run
-from cubepath.coordinator.playback.timeline import Mark, Pace, Reel, Spot, read_pace, read_spot
+from cubepath.coordinator.playback.segments import RecordedStates, SegmentComparison
+from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages, check_run
+from cubepath.coordinator.playback.timeline import (
+    Cursor,
+    PlaybackRate,
+    Timeline,
+    TimelinePosition,
+    read_pace,
+    read_spot,
+)
 from cubepath.coordinator.runs.asking import About, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import real_number, seconds
@@ -58,7 +76,7 @@ _LOOK_S = 0.05
 
 Progress: TypeAlias = Callable[[int], object]
 """Called now and then with the number of messages that have arrived since the last call."""
-_Came: TypeAlias = tuple[str, bytes] | Asked
+_Came: TypeAlias = tuple[str, bytes] | PendingOrder
 
 
 class PlayOptions(TypedDict, total=False):
@@ -101,7 +119,7 @@ class PlayOptions(TypedDict, total=False):
     progress: Progress | None
 
 
-class Playing:
+class ReplaySession:
     """A replay: a session that puts, a session that gathers, and a router between them."""
 
     def __init__(
@@ -114,9 +132,9 @@ class Playing:
         """Check all options; InputError if one of them is wrong. Nothing is opened yet."""
         given = PlayOptions(**options)
         self.recording = recording
-        self.reel = Reel(recording)
+        self.reel = Timeline(recording)
         pace = _pace(given.get("rate"), by_wall=self.reel.by_wall)
-        self._selection = Selection(
+        self._selection = PlayedMessages(
             recording,
             kinds=kinds,
             topics=_several("topics", given.get("topics", ())),
@@ -128,7 +146,7 @@ class Playing:
         name = given.get("run")
         self.run = uuid.uuid4().hex[:12] if name is None else name
         check_run(self.run)
-        self._keys = Keys(recording, self.run, _several("remap", given.get("remap", ())))
+        self._keys = KeyMapping(recording, self.run, _several("remap", given.get("remap", ())))
         self._endpoint = given.get("endpoint")
         self._keys.check_reach(private=self._endpoint is None)
         self._wait_for_subscribers = given.get("wait_for_subscribers", False)
@@ -147,17 +165,17 @@ class Playing:
             delay_s=seconds("delay_s", given.get("delay_s", 0.0)),
             max_gap_s=None if max_gap is None else seconds("max_gap_s", max_gap),
         )
-        self._states = States(self.reel)
+        self._states = RecordedStates(self.reel)
         self._extent = extent_of(recording)
-        self._segments = Segments(recording, self._extent)
+        self._segments = SegmentComparison(recording, self._extent)
         self._queue: SimpleQueue[_Came] = SimpleQueue()
         self._resources = contextlib.ExitStack()
         self._arrived = self._sent = 0
         self._played = Counter[str]()
-        self._seen: list[tuple[Mark, Mark]] = []
+        self._seen: list[tuple[Cursor, Cursor]] = []
         self._since = self._last = self._machine.mark
         self._own_keys = f"{player_key(self.run)}/"
-        self._asked: list[Asked] = []
+        self._asked: list[PendingOrder] = []
         """Those who wait until what they asked for is done."""
         self.endpoint = ""
         self._began = time.monotonic()
@@ -201,7 +219,7 @@ class Playing:
     def _enqueue(self, sample: zenoh.Sample) -> None:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
 
-    def ask(self, asked: Asked) -> None:
+    def ask(self, asked: PendingOrder) -> None:
         """Give an order, from any thread; it is answered when it was carried out."""
         self._queue.put(asked)
 
@@ -217,14 +235,14 @@ class Playing:
             self._take_what_is_there()
             self._answer()
             match self._machine.next(time.monotonic()):
-                case Put(record=record, mark=mark):
+                case PutMessage(record=record, mark=mark):
                     self._put(record.kind, self._keys.key(record), record.data, mark)
-                case Jumped(why=why):
+                case PositionJump(why=why):
                     self._jumped(why)
-                case Rest(until=until):
+                case WaitForOrder(until=until):
                     self._answer()
                     self._rest_until(until)
-                case Over():
+                case AllPlayed():
                     self._answer(at_end=True)
                     if self._asked:
                         continue  # somebody came meanwhile
@@ -234,9 +252,9 @@ class Playing:
         self._gather()
         self._answer(at_end=True)
 
-    def _put(self, kind: str, key: str, data: bytes, mark: Mark) -> None:
+    def _put(self, kind: str, key: str, data: bytes, mark: Cursor) -> None:
         put(self._mouth, key, data)
-        self._last = Mark(mark.chunk, mark.place + 1)
+        self._last = Cursor(mark.chunk, mark.place + 1)
         if key.startswith(self._keys.within):
             self._sent += 1
         if not self._seen or not any(low <= mark < high for low, high in self._seen):
@@ -281,7 +299,7 @@ class Playing:
         else:
             self._segments.jump(state)
 
-    def _is_start(self, mark: Mark) -> bool:
+    def _is_start(self, mark: Cursor) -> bool:
         """Return whether nothing that the run is gathered from stands before a mark."""
         needed = self._selection.needed
         return all(record.kind not in needed for _, record in self.reel.backward(mark, needed))
@@ -289,7 +307,7 @@ class Playing:
     def _cover(self) -> None:
         """Note which part was played, since what is played again counts once."""
         if self._last > self._since:
-            merged: list[tuple[Mark, Mark]] = []
+            merged: list[tuple[Cursor, Cursor]] = []
             for low, high in sorted([*self._seen, (self._since, self._last)]):
                 if merged and low <= merged[-1][1]:
                     merged[-1] = merged[-1][0], max(merged[-1][1], high)
@@ -331,7 +349,7 @@ class Playing:
 
     def _take(self, came: _Came) -> bool:
         """Take what has come; return whether it is an order."""
-        if isinstance(came, Asked):
+        if isinstance(came, PendingOrder):
             self._obey(came)
             return True
         key, data = came
@@ -342,7 +360,7 @@ class Playing:
                 self._progress(1)
         return False
 
-    def _obey(self, asked: Asked) -> None:
+    def _obey(self, asked: PendingOrder) -> None:
         try:
             self._machine.order(asked.order(), time.monotonic())
         except CubepathError as error:
@@ -368,7 +386,7 @@ class Playing:
         with contextlib.suppress(Empty):
             while True:
                 came = self._queue.get_nowait()
-                if isinstance(came, Asked):
+                if isinstance(came, PendingOrder):
                     self._asked.append(came)
         for each in self._asked:
             each.refuse(why)
@@ -400,7 +418,7 @@ class Playing:
             laps=machine.laps,
         )
 
-    def result(self) -> Replayed:
+    def result(self) -> ReplayResult:
         """Return what came of it, compared with the record as far as that can be."""
         total = self.recording.counts().kinds
         left_out = {
@@ -429,7 +447,7 @@ class Playing:
         gathered = segments.gathered
         heap = gathered.heap
         has_end = any(self.recording.of_kind("summary"))
-        return Replayed(
+        return ReplayResult(
             log=str(self.recording.path),
             run=self.run,
             endpoint=self.endpoint,
@@ -456,18 +474,18 @@ class Playing:
         )
 
 
-def _pace(given: float | str | None, *, by_wall: bool) -> Pace:
+def _pace(given: float | str | None, *, by_wall: bool) -> PlaybackRate:
     if given is None:
-        return Pace()
+        return PlaybackRate()
     if isinstance(given, str):
         return read_pace(given, by_wall=by_wall)
     rate = real_number("rate", given)
     if not rate > 0:
         raise InputError(f"rate={given}: expected more than 0 rounds a second")
-    return Pace(rate, "clock" if by_wall else "step")
+    return PlaybackRate(rate, "clock" if by_wall else "step")
 
 
-def _spot(name: str, given: int | str | None) -> Spot | None:
+def _spot(name: str, given: int | str | None) -> TimelinePosition | None:
     return None if given is None else read_spot(given, name)
 
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.playback.comparing import Extent, rounds_compared
-from cubepath.coordinator.playback.timeline import START, Mark, Reel
+from cubepath.coordinator.playback.comparing import MissingPart, rounds_compared
+from cubepath.coordinator.playback.timeline import START, Cursor, Timeline
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
@@ -49,17 +49,19 @@ class StateAt:
     """What was reported of the next round before this place."""
 
 
-class States:
+class RecordedStates:
     """The states of one recording."""
 
-    def __init__(self, reel: Reel) -> None:
+    def __init__(self, reel: Timeline) -> None:
         """Read nothing yet."""
         self._reel = reel
         self._scene = reel.recording.scene
         start = tuple((site, 0) for site in self._scene.start)
-        self._snapshots: list[tuple[Mark, int, tuple[tuple[Site, int], ...]]] = [(START, 0, start)]
+        self._snapshots: list[tuple[Cursor, int, tuple[tuple[Site, int], ...]]] = [
+            (START, 0, start)
+        ]
 
-    def at(self, mark: Mark) -> StateAt:
+    def at(self, mark: Cursor) -> StateAt:
         """Return the state at a mark; InputError if what tells of it is malformed."""
         free = self._reel.recording.clock == "free"
         return self._after_commits(mark) if free else self._after_reports(mark)
@@ -70,7 +72,7 @@ class States:
 
     # With rounds.
 
-    def _after_reports(self, mark: Mark) -> StateAt:
+    def _after_reports(self, mark: Cursor) -> StateAt:
         modules = len(self._scene.start)
         found: dict[int, dict[int, Report]] = {}
         for where, record in self._reel.backward(mark):
@@ -86,7 +88,7 @@ class States:
         whole = [number for number, each in found.items() if len(each) == modules]
         return self._of_reports(max(whole), found) if whole else self._before_the_first(mark, found)
 
-    def _before_the_first(self, mark: Mark, found: dict[int, dict[int, Report]]) -> StateAt:
+    def _before_the_first(self, mark: Cursor, found: dict[int, dict[int, Report]]) -> StateAt:
         """Return the state before the first whole round, which is the first if all is on record."""
         modules = len(self._scene.start)
         told = {number: dict(each) for number, each in found.items()}
@@ -102,7 +104,7 @@ class States:
                     return self._state(report.round - 1, sites, begun)
                 if len(known) == modules:
                     return self._of_reports(0, found)
-            each = self._reel.next(Mark(where.chunk, where.place + 1), _REPORTS)
+            each = self._reel.next(Cursor(where.chunk, where.place + 1), _REPORTS)
         return self._of_reports(0, found)
 
     def _none_later_before(
@@ -129,7 +131,7 @@ class States:
 
     # Without rounds.
 
-    def _after_commits(self, mark: Mark) -> StateAt:
+    def _after_commits(self, mark: Cursor) -> StateAt:
         place = bisect_right(self._snapshots, mark, key=lambda each: each[0]) - 1
         at, level, known = self._snapshots[place]
         modules = dict(enumerate(known))
@@ -137,14 +139,14 @@ class States:
         while each is not None and each[0] < mark:
             where, record = each
             if where.chunk >= self._snapshots[-1][0].chunk + _SNAPSHOT_CHUNKS:
-                now = Mark(where.chunk, 0)
+                now = Cursor(where.chunk, 0)
                 self._snapshots.append((now, level, tuple(modules[n] for n in sorted(modules))))
             for moved in self._commits_in(record):
                 level = max(level, moved.level)
                 for module, _, to, version in moved.motion:
                     if module in modules and version > modules[module][1]:
                         modules[module] = site_from_json(to), version
-            each = self._reel.next(Mark(where.chunk, where.place + 1), _COMMITS)
+            each = self._reel.next(Cursor(where.chunk, where.place + 1), _COMMITS)
         return self._state(level, tuple(modules[number][0] for number in sorted(modules)), ())
 
     def _commits_in(self, record: Record) -> list[Moved]:
@@ -166,10 +168,10 @@ class States:
 _OF_KEEPERS = ("moved/", "tail/", "turns/")
 
 
-class Segments:
+class SegmentComparison:
     """Gathers what arrives, and compares it with the record whenever a segment is over."""
 
-    def __init__(self, recording: Recording, extent: Extent) -> None:
+    def __init__(self, recording: Recording, extent: MissingPart) -> None:
         """Begin at the start of the run; InputError if the recording does not say of how many."""
         self._recording = recording
         self._extent = extent

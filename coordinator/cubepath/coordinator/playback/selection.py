@@ -31,11 +31,11 @@ def said_under(clock: str) -> tuple[str, ...]:
     return FREE_SAID if clock == "free" else SAID
 
 
-class Selection:
+class PlayedMessages:
     """The messages that are played: of some kinds, or on topics that match patterns.
 
     >>> recording = read_recording("logs/golden/hex-5.mcap")
-    >>> some = Selection(recording, topics=["reports/*", "edges/*"], exclude=["*/*_[1-9]"])
+    >>> some = PlayedMessages(recording, topics=["reports/*", "edges/*"], exclude=["*/*_[1-9]"])
     >>> sorted({record.topic for record in recording.records if some.takes(record)})
     ['edges/coordinator', 'reports/process_0']
     """
@@ -114,7 +114,7 @@ def _kinds_among(patterns: Sequence[str]) -> frozenset[str] | None:
     return None if any(_GLOB & set(kind) for kind in kinds) else frozenset(kinds)
 
 
-class Keys:
+class KeyMapping:
     """The keys on which messages are put: those that they had, in another run and remapped."""
 
     def __init__(self, recording: Recording, run: str, remap: Collection[str] = ()) -> None:

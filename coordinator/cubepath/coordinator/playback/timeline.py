@@ -38,11 +38,11 @@ _EXPECTED_RATE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class TimelinePosition:
     """A place in a recording: a round or level, or seconds since its first message.
 
     >>> read_spot("12"), read_spot("3.5s").seconds
-    (Spot(step=12, seconds=None), 3.5)
+    (TimelinePosition(step=12, seconds=None), 3.5)
     """
 
     step: int | None = None
@@ -52,28 +52,28 @@ class Spot:
         """Return the text that it is read from."""
         return str(self.step) if self.seconds is None else f"{self.seconds:g}s"
 
-    def comes_after(self, other: Spot) -> bool:
+    def comes_after(self, other: TimelinePosition) -> bool:
         """Return whether it is later than another of its sort; one of another sort is not."""
         if self.seconds is None:
             return other.step is not None and (self.step or 0) > other.step
         return other.seconds is not None and self.seconds > other.seconds
 
 
-def read_spot(text: str | int | Spot, name: str = "to") -> Spot:
+def read_spot(text: str | int | TimelinePosition, name: str = "to") -> TimelinePosition:
     """Return the place that is written as "12" or "3.5s"; InputError if it is none."""
-    if isinstance(text, Spot):
+    if isinstance(text, TimelinePosition):
         return text
     written = str(text)
     if _WHOLE.fullmatch(written) and not isinstance(text, bool):
-        return Spot(step=int(written))
+        return TimelinePosition(step=int(written))
     found = _SECONDS.fullmatch(written)
     if found is None:
         raise InputError(f"{name}={written}: {_EXPECTED_SPOT}")
-    return Spot(seconds=float(found[1]))
+    return TimelinePosition(seconds=float(found[1]))
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class PlaybackRate:
     """How fast messages follow one another; without a rate as fast as possible.
 
     By "step" the rate is in rounds or levels a second, by "clock" it is how many times as fast as
@@ -87,42 +87,42 @@ class Pace:
         """Return the text that it is read from."""
         return "max" if self.rate is None else f"{self.rate:g}{'x' if self.by == 'clock' else ''}"
 
-    def times(self, factor: float) -> Pace:
+    def times(self, factor: float) -> PlaybackRate:
         """Return a pace so many times as fast; nothing is faster than as fast as possible."""
         if self.rate is None:
             return self
-        return Pace(max(self.rate * factor, RATE_MIN), self.by)
+        return PlaybackRate(max(self.rate * factor, RATE_MIN), self.by)
 
 
-def read_pace(text: str | float | Pace, *, by_wall: bool = False) -> Pace:
+def read_pace(text: str | float | PlaybackRate, *, by_wall: bool = False) -> PlaybackRate:
     """Return the pace that is written as "10", "2x" or "max"; InputError if it is none.
 
     Where log time is the wall clock (`by_wall`), there are no rounds to count, and "2" is "2x".
     """
-    if isinstance(text, Pace):
+    if isinstance(text, PlaybackRate):
         return text
     written = str(text)
     if written == "max":
-        return Pace()
+        return PlaybackRate()
     found = _RATE.fullmatch(written)
     rate = float(found[1]) if found else math.nan
     if found is None or not RATE_MIN <= rate < math.inf:
         raise InputError(f"rate={written}: {_EXPECTED_RATE}")
-    return Pace(rate, "clock" if found[2] or by_wall else "step")
+    return PlaybackRate(rate, "clock" if found[2] or by_wall else "step")
 
 
 _KEPT = 3
 """Chunks in memory: where it plays, the one before, and one that was just looked at."""
 
 
-class Mark(NamedTuple):
+class Cursor(NamedTuple):
     """A place between two messages: before a message of a chunk; the end has a chunk of its own."""
 
     chunk: int
     place: int
 
 
-START = Mark(0, 0)
+START = Cursor(0, 0)
 
 
 class _Numbered(msgspec.Struct):
@@ -133,7 +133,7 @@ class _Numbered(msgspec.Struct):
 _numbers_in = msgspec.json.Decoder(_Numbered).decode
 
 
-class Reel:
+class Timeline:
     """The messages of a recording in the order of writing, whether it is a file or in memory."""
 
     def __init__(self, recording: Recording) -> None:
@@ -144,7 +144,7 @@ class Reel:
         self._chunks = recording.chunks()
         self._kept: OrderedDict[int, Sequence[Record]] = OrderedDict()
         self._free = recording.clock == "free"
-        self.end = Mark(len(self._chunks), 0)
+        self.end = Cursor(len(self._chunks), 0)
 
     def chunk(self, number: int) -> Sequence[Record]:
         """Return the messages of a chunk."""
@@ -157,14 +157,16 @@ class Reel:
             self._kept.move_to_end(number)
         return found
 
-    def settled(self, mark: Mark) -> Mark:
+    def settled(self, mark: Cursor) -> Cursor:
         """Return the mark of the next message that there is, at or after a mark; or the end."""
         chunk, place = mark
         while chunk < self.end.chunk and place >= len(self.chunk(chunk)):
             chunk, place = chunk + 1, 0
-        return Mark(chunk, place)
+        return Cursor(chunk, place)
 
-    def next(self, mark: Mark, kinds: frozenset[str] | None = None) -> tuple[Mark, Record] | None:
+    def next(
+        self, mark: Cursor, kinds: frozenset[str] | None = None
+    ) -> tuple[Cursor, Record] | None:
         """Return the first message at or after a mark, and where it stands; None at the end.
 
         Chunks without any of the kinds are not read; other kinds may come all the same.
@@ -174,20 +176,20 @@ class Reel:
             if self._may_hold(chunk, kinds):
                 records = self.chunk(chunk)
                 if place < len(records):
-                    return Mark(chunk, place), records[place]
+                    return Cursor(chunk, place), records[place]
             chunk, place = chunk + 1, 0
         return None
 
     def backward(
-        self, mark: Mark, kinds: frozenset[str] | None = None
-    ) -> Iterator[tuple[Mark, Record]]:
+        self, mark: Cursor, kinds: frozenset[str] | None = None
+    ) -> Iterator[tuple[Cursor, Record]]:
         """Yield the messages before a mark, the last one first; chunks as for `next`."""
         chunk, place = mark
         while True:
             records = self.chunk(chunk) if place else ()
             while place > 0:
                 place -= 1
-                yield Mark(chunk, place), records[place]
+                yield Cursor(chunk, place), records[place]
             if chunk == 0:
                 return
             chunk -= 1
@@ -227,14 +229,14 @@ class Reel:
         """Return when a message was published, in seconds since the first one."""
         return (record.wall_ns - self.began_ns) / 1e9
 
-    def time_at(self, mark: Mark) -> float:
+    def time_at(self, mark: Cursor) -> float:
         """Return when the message at a mark was published; at the end when the last one was."""
         found = self.next(mark)
         return self.seconds if found is None else self.time_of(found[1])
 
     # Steps: rounds or levels.
 
-    def step_at(self, mark: Mark) -> int:
+    def step_at(self, mark: Cursor) -> int:
         """Return the round or level of the message at a mark; at the end that of the last one."""
         if self.by_wall:
             place = bisect_right(self._rises, (self.settled(mark), 0x7FFFFFFFFFFFFFFF))
@@ -243,9 +245,9 @@ class Reel:
         return 0 if found is None else found[1].round
 
     @cached_property
-    def _rises(self) -> list[tuple[Mark, int]]:
+    def _rises(self) -> list[tuple[Cursor, int]]:
         """Where the round or level rises, where log time does not tell: all is read for it."""
-        found: list[tuple[Mark, int]] = []
+        found: list[tuple[Cursor, int]] = []
         last = 0
         each = self.next(START)
         while each is not None:
@@ -254,7 +256,7 @@ class Reel:
             if told > last:
                 found.append((mark, told))
                 last = told
-            each = self.next(Mark(mark.chunk, mark.place + 1))
+            each = self.next(Cursor(mark.chunk, mark.place + 1))
         return found
 
     def _number_in(self, record: Record) -> int:
@@ -268,7 +270,7 @@ class Reel:
 
     # Places.
 
-    def find(self, spot: Spot, *, after: bool = False) -> Mark:
+    def find(self, spot: TimelinePosition, *, after: bool = False) -> Cursor:
         """Return where a round, level or time begins, or (`after`) where the next one does.
 
         A round begins before the first message of it or a later one, a time before the first
@@ -285,10 +287,10 @@ class Reel:
             if chunk.last_round >= least:
                 for place, record in enumerate(self.chunk(number)):
                     if record.round >= least:
-                        return Mark(number, place)
+                        return Cursor(number, place)
         return self.end
 
-    def _at_time(self, seconds: float, *, after: bool) -> Mark:
+    def _at_time(self, seconds: float, *, after: bool) -> Cursor:
         def comes_before(record: Record) -> bool:
             time = self.time_of(record)
             return time <= seconds if after else time < seconds
@@ -310,4 +312,4 @@ class Reel:
                 first = middle + 1
             else:
                 last = middle
-        return self.settled(Mark(low, first))
+        return self.settled(Cursor(low, first))

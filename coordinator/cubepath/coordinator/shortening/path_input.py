@@ -35,7 +35,7 @@ from cubepath.protocol.path_files.numbered import (
 )
 from cubepath.protocol.path_files.optimality_proofs import is_proof
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
-from cubepath.protocol.plans.imported import Imported
+from cubepath.protocol.plans.imported import ImportedPath
 from cubepath.protocol.plans.scenario import is_scenario, read_scenario
 from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -215,7 +215,7 @@ class _Reading:
     def _seconds(self) -> float:
         return time.perf_counter() - self._began
 
-    def _of_plan(self, form: Form, plan: Imported) -> PathInput:
+    def _of_plan(self, form: Form, plan: ImportedPath) -> PathInput:
         numbered = number_moves(plan.moves, self._progress)
         return PathInput(
             self._file.path,

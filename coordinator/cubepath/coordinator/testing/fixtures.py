@@ -16,7 +16,7 @@ from cubepath.coordinator.runs.live import LiveReplay
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
 from cubepath.coordinator.testing.checks import check_name
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import (
     Listener,
     live_modules,
@@ -24,15 +24,15 @@ from cubepath.coordinator.testing.replaying import (
     replay_into,
     replay_into_node,
 )
-from cubepath.coordinator.testing.rig import CommandLine, Rig
-from cubepath.coordinator.testing.seen import Seen
-from cubepath.coordinator.testing.trials import Tried, trial_of
+from cubepath.coordinator.testing.rig import CommandLine, RunUnderTest
+from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.trials import TrialResult, trial_of
 from cubepath.protocol.wire.nodes import Effect, Node
 
 T = TypeVar("T")
 
 
-class Places:
+class RecordingFolder:
     """Where the recordings of a test go."""
 
     def __init__(self, folder: Path, prefix: str = "") -> None:
@@ -57,22 +57,22 @@ class Places:
 
 def marked(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a marker; InputError for one that no run has."""
-    takes = (signature(each).parameters for each in (Rig.__init__, Plan, trial_of))
+    takes = (signature(each).parameters for each in (RunUnderTest.__init__, Plan, trial_of))
     known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
     for name in options:
         check_name("@pytest.mark.cubepath: ", name, sorted(known))
     return options
 
 
-class StartRun:
+class RunFixture:
     """The fixture ``cubepath_run``: starts runs, and ends them when the test is over."""
 
-    def __init__(self, places: Places, defaults: Mapping[str, Any]) -> None:
+    def __init__(self, places: RecordingFolder, defaults: Mapping[str, Any]) -> None:
         """Start runs with these defaults."""
         self._places = places
         self._defaults = dict(defaults)
         self._resources = ExitStack()
-        self.rigs: list[Rig] = []
+        self.rigs: list[RunUnderTest] = []
 
     def __call__(
         self,
@@ -82,8 +82,8 @@ class StartRun:
         commands: Mapping[str, CommandLine] | Sequence[CommandLine] = (),
         links: bool | Collection[str] = True,
         **options: Any,
-    ) -> Rig:
-        """Start a run; the arguments are those of `Rig`.
+    ) -> RunUnderTest:
+        """Start a run; the arguments are those of `RunUnderTest`.
 
         The seed is that of the test, and the recording goes to its folder, unless told otherwise,
         as by a `Plan`.
@@ -94,7 +94,7 @@ class StartRun:
             del given["seed"]
         if "log" not in given and not (isinstance(system, Plan) and system.log is not None):
             given["log"] = self._places.new("run")
-        rig = Rig(system, rule, **given)
+        rig = RunUnderTest(system, rule, **given)
         self.rigs.append(rig)
         return self._resources.enter_context(rig)
 
@@ -116,11 +116,11 @@ class StartRun:
         return found
 
 
-class Simulate:
+class SimulateFixture:
     """The fixture ``cubepath_simulate``: runs under faults in virtual time, checked."""
 
     def __init__(
-        self, places: Places, seed: int, defaults: Mapping[str, Any] | None = None
+        self, places: RecordingFolder, seed: int, defaults: Mapping[str, Any] | None = None
     ) -> None:
         """Simulate with this seed and these options of `trial_of` unless told otherwise.
 
@@ -141,7 +141,7 @@ class Simulate:
         seed: int | None = None,
         check: bool = True,
         **options: Any,
-    ) -> Tried:
+    ) -> TrialResult:
         """Simulate a run under faults; the arguments are those of `trial_of`.
 
         Unless `check` is False, AssertionError tells what does not hold of it. The recording of a
@@ -165,10 +165,10 @@ class Simulate:
         return self._told
 
 
-class Replay:
+class ReplayFixture:
     """The fixture ``cubepath_replay``: puts a recording into the code under test."""
 
-    def __init__(self, timeout_s: float, places: Places) -> None:
+    def __init__(self, timeout_s: float, places: RecordingFolder) -> None:
         """Wait so long for commands and for phases of runs unless told otherwise."""
         self._timeout_s = timeout_s
         self._places = places
@@ -176,30 +176,36 @@ class Replay:
         self._resources = ExitStack()
 
     def into(
-        self, log: Log | Path | str, to: Callable[[Seen], T], what: str = "", **pattern: Any
+        self,
+        log: RunLog | Path | str,
+        to: Callable[[WireMessage], T],
+        what: str = "",
+        **pattern: Any,
     ) -> list[T]:
         """Call a function with each message; as `replay_into`."""
         return replay_into(_log(log), to, what, **pattern)
 
     def into_node(
-        self, log: Log | Path | str, node: Node, what: str = "", **pattern: Any
+        self, log: RunLog | Path | str, node: Node, what: str = "", **pattern: Any
     ) -> list[Effect]:
         """Give each message to a node; as `replay_into_node`."""
         return replay_into_node(_log(log), node, what, **pattern)
 
-    def to(self, log: Log | Path | str, command: CommandLine, **options: Any) -> Listener:
+    def to(self, log: RunLog | Path | str, command: CommandLine, **options: Any) -> Listener:
         """Start a command, replay to it on a wire, and return both; as `Listener`."""
         given: dict[str, Any] = {"timeout_s": self._timeout_s, **options}
         return self._resources.enter_context(Listener(_log(log), command, **given))
 
     def live(
-        self, log: Log | Path | str, modules: Iterable[int] | None = None, **options: Any
+        self, log: RunLog | Path | str, modules: Iterable[int] | None = None, **options: Any
     ) -> LiveReplay:
         """Try live modules against a log, up to the first divergence; as `live_modules`."""
         __tracebackhide__ = True
         return live_modules(_log(log), modules, **self._of_a_run(options))
 
-    def what_if(self, log: Log | Path | str, rule: str, *, from_round: int, **options: Any) -> Log:
+    def what_if(
+        self, log: RunLog | Path | str, rule: str, *, from_round: int, **options: Any
+    ) -> RunLog:
         """Go on from a round with another rule, in a new run; as `other_rule`.
 
         Its recording goes to the folder of the test, unless told otherwise.
@@ -222,5 +228,5 @@ class Replay:
         self._resources.close()
 
 
-def _log(log: Log | Path | str) -> Log:
-    return log if isinstance(log, Log) else Log.read(log)
+def _log(log: RunLog | Path | str) -> RunLog:
+    return log if isinstance(log, RunLog) else RunLog.read(log)

@@ -26,7 +26,7 @@ from typing import Any, Literal, Self, TypeAlias, cast
 import zenoh
 
 from cubepath.coordinator.testing.rules import Direction, Fate, Rule, fate_of
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.credentials import GUEST, Credentials
@@ -72,7 +72,7 @@ class _Do:
 _Item: TypeAlias = _Put | _Do
 
 
-class Lane:
+class ProxyDirection:
     """One direction of a link: what comes in at one end is put at the other, in its order."""
 
     def __init__(self, direction: Direction, process: str, out: zenoh.Session) -> None:
@@ -190,7 +190,7 @@ class Lane:
         try:
             if self._receiver and not self._is_heard(item.key):
                 return None  # the process does not listen to it
-            seen = Seen(item.key, item.data, time.monotonic())
+            seen = WireMessage(item.key, item.data, time.monotonic())
             return fate_of(self.rules, seen, self._receiver)
         except BaseException as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
             self.error = self.error or error
@@ -265,10 +265,10 @@ _ASK_S_MAX = 60.0
 _ON_LOOPBACK = "tcp/127.0.0.1:0"
 
 
-class Link:
+class LinkProxy:
     """A link, as a context manager that takes it away.
 
-    >>> with Link("process_0", endpoint, credentials) as link:   # doctest: +SKIP
+    >>> with LinkProxy("process_0", endpoint, credentials) as link:   # doctest: +SKIP
     ...     start_the_process_at(link.endpoint)
     ...     link.add(Rule(action="drop", pattern=Pattern(kind="said"), times=3))
     """
@@ -311,9 +311,9 @@ class Link:
         self._resources.callback(near.close)
         far, self.endpoint = open_router(where, guard, MESSAGE_BYTES_MAX)
         self._resources.callback(far.close)
-        self.up = Lane("up", self.name, near)
+        self.up = ProxyDirection("up", self.name, near)
         self._resources.callback(self.up.close)
-        self.down = Lane("down", self.name, far)
+        self.down = ProxyDirection("down", self.name, far)
         self._resources.callback(self.down.close)
         self._listen(near, self.down)
         self._listen(far, self.up)
@@ -321,11 +321,11 @@ class Link:
         self._watch(far, near, self.up)
         far.declare_queryable(ALL, _callback(lambda query: self._asked(near, query)))
 
-    def _listen(self, session: zenoh.Session, lane: Lane) -> None:
+    def _listen(self, session: zenoh.Session, lane: ProxyDirection) -> None:
         # What a session puts itself does not come back to it.
         session.declare_subscriber(ALL, _callback(lane.take), allowed_origin=zenoh.Locality.REMOTE)
 
-    def _watch(self, one: zenoh.Session, other: zenoh.Session, lane: Lane) -> None:
+    def _watch(self, one: zenoh.Session, other: zenoh.Session, lane: ProxyDirection) -> None:
         """Show at one end the liveliness tokens of the other."""
         back: Direction = "up" if lane.direction == "down" else "down"
 

@@ -19,7 +19,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import RESULTS, Seen, short, table
+from cubepath.coordinator.testing.seen import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.catalogue import Json
@@ -41,7 +41,7 @@ _MESSAGE = re.compile(r"\bmessage (\d+) \(")
 
 
 @dataclass(frozen=True, slots=True)
-class Claimed:
+class ClaimOutcome:
     """A claim of a module, and what came of it.
 
     `round` is that of the claim; without rounds it is the level of the move, and None if there was
@@ -57,7 +57,7 @@ class Claimed:
 
 
 @dataclass(frozen=True, slots=True)
-class Executed:
+class ExecutedMove:
     """A move that was executed: in which round or at which level, by whom, and which."""
 
     round: int
@@ -66,10 +66,10 @@ class Executed:
     at: Json
 
 
-class Log:
+class RunLog:
     """The log of a run.
 
-    >>> log = Log.read("logs/golden/hex-5.mcap")
+    >>> log = RunLog.read("logs/golden/hex-5.mcap")
     >>> log.assert_legal()
     >>> log.assert_goal()
     >>> log.count("claim", round=1), log.claims(module=0, round=1)[0].result
@@ -84,7 +84,7 @@ class Log:
         self.scene = recording.scene
 
     @classmethod
-    def read(cls, path: Path | str) -> Log:
+    def read(cls, path: Path | str) -> RunLog:
         """Return the log in a file; InputError if it is no recording."""
         return cls(read_recording(path))
 
@@ -116,7 +116,7 @@ class Log:
     # What was said.
 
     @cached_property
-    def all_deliveries(self) -> tuple[Seen, ...]:
+    def all_deliveries(self) -> tuple[WireMessage, ...]:
         """All that is on record in order, as it was on the wire: parts are not taken apart.
 
         The order is that in which the coordinator heard them. Of processes that say something in
@@ -124,7 +124,8 @@ class Log:
         """
         records = self.recording.records
         return tuple(
-            Seen(f"cubepath/log/{each.topic}", each.data, each.wall_ns / 1e9) for each in records
+            WireMessage(f"cubepath/log/{each.topic}", each.data, each.wall_ns / 1e9)
+            for each in records
         )
 
     def messages(self, what: What = "", **pattern: Any) -> list[Any]:
@@ -152,7 +153,7 @@ class Log:
         """Return the number of such messages; keys as for `messages`."""
         return len(self.messages(what, **pattern))
 
-    def deliveries(self, what: What = "", **pattern: Any) -> list[Seen]:
+    def deliveries(self, what: What = "", **pattern: Any) -> list[WireMessage]:
         """Return what was put on the wire that is such a message or carries one; keys as above.
 
         A process puts one delivery to each region, with all messages of its modules that are
@@ -172,10 +173,10 @@ class Log:
     # What was done.
 
     @property
-    def moves(self) -> list[Executed]:
+    def moves(self) -> list[ExecutedMove]:
         """The moves that were executed, by rounds or levels."""
         return [
-            Executed(step.round, move.module, move.generator, move.at)
+            ExecutedMove(step.round, move.module, move.generator, move.at)
             for step in self.gathered.steps
             for move in step.executed
         ]
@@ -185,7 +186,7 @@ class Log:
         module: int | None = None,
         round: int | None = None,  # noqa: A002 - the word of all messages
         result: Result | None = None,
-    ) -> list[Claimed]:
+    ) -> list[ClaimOutcome]:
         """Return who claimed what when, and what came of it, in the order of the log.
 
         Without rounds an attempt to move is a claim, and one that was refused is lost. InputError
@@ -205,11 +206,11 @@ class Log:
             and result in (None, each.result)
         ]
 
-    def grants(self, module: int | None = None) -> list[Claimed]:
+    def grants(self, module: int | None = None) -> list[ClaimOutcome]:
         """Return the claims that were granted."""
         return self.claims(module, result="granted")
 
-    def losses(self, module: int | None = None) -> list[Claimed]:
+    def losses(self, module: int | None = None) -> list[ClaimOutcome]:
         """Return the claims that were lost."""
         return self.claims(module, result="lost")
 
@@ -225,7 +226,7 @@ class Log:
                     yield part
 
     @cached_property
-    def _claims(self) -> tuple[Claimed, ...]:
+    def _claims(self) -> tuple[ClaimOutcome, ...]:
         claims: dict[tuple[int, int], Claim] = {}
         results: dict[tuple[int, int], Result] = {}
         for part in self._parts(Claim, Report):
@@ -234,12 +235,12 @@ class Log:
             elif part.claim != "none":
                 results[part.round, part.module] = part.claim
         return tuple(
-            Claimed(*name, each.generator, each.at, results.get(name, "unknown"))
+            ClaimOutcome(*name, each.generator, each.at, results.get(name, "unknown"))
             for name, each in claims.items()
         )
 
     @cached_property
-    def _attempts(self) -> tuple[Claimed, ...]:
+    def _attempts(self) -> tuple[ClaimOutcome, ...]:
         attempts: dict[tuple[int, int, int], Attempt] = {}
         decided: dict[tuple[int, int, int], Decision] = {}
         for part in self._parts(Attempt, Decision):
@@ -289,7 +290,7 @@ class Log:
         where = f": {', '.join(away)} stand elsewhere" if away else ""
         self._fail(short(f"the goal is not reached after {self.rounds} {self._unit}s{where}"))
 
-    def assert_same_run(self, other: Log, *, homotopic: bool = False) -> None:
+    def assert_same_run(self, other: RunLog, *, homotopic: bool = False) -> None:
         """Check that both are the same run up to swapping neighbouring moves that commute.
 
         With `homotopic` also up to moves that are undone: both have the same normal cube path.
@@ -297,7 +298,7 @@ class Log:
         that has other moves.
         """
         __tracebackhide__ = True
-        if not isinstance(other, Log):  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not isinstance(other, RunLog):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"{other!r}: expected another Log")
         one, two = self.gathered, other.gathered
         starts = one.scene.start_state, two.scene.start_state
@@ -405,7 +406,7 @@ class Log:
         marked = [each for each in (place, also) if each is not None]
         title = "the messages around it"
         if not marked and at is not None:
-            means: Callable[[Seen], bool] = Pattern(round=at, module=module).holds
+            means: Callable[[WireMessage], bool] = Pattern(round=at, module=module).holds
             marked = [each for each, seen in enumerate(everything) if means(seen)]
             title = f"the messages around {self._unit} {at}"
             title += "" if module is None else f" of module_{module}"
@@ -435,7 +436,7 @@ def _named(what: What) -> str:
     return f"'{what}'"
 
 
-def _came_of(attempt: Attempt, decision: Decision | None) -> Claimed:
+def _came_of(attempt: Attempt, decision: Decision | None) -> ClaimOutcome:
     result: Result = "unknown"
     level, why = None, ""
     if decision is not None:
@@ -443,7 +444,7 @@ def _came_of(attempt: Attempt, decision: Decision | None) -> Claimed:
         level = None if decision.moved is None else decision.moved.level
         why = decision.why
     name = attempt.generator or ""
-    return Claimed(level, attempt.module, name, attempt.at, result, why)
+    return ClaimOutcome(level, attempt.module, name, attempt.at, result, why)
 
 
 def _parting(a: Recording, b: Recording) -> list[str]:
@@ -462,7 +463,7 @@ def _parting(a: Recording, b: Recording) -> list[str]:
     return lines
 
 
-def _by_round(moves: Sequence[Executed]) -> dict[int, list[str]]:
+def _by_round(moves: Sequence[ExecutedMove]) -> dict[int, list[str]]:
     found: dict[int, list[str]] = {}
     for each in moves:
         line = f"module_{each.module} {each.generator} at {each.at}"

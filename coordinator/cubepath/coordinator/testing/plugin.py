@@ -18,7 +18,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.testing.fixtures import Places, Replay, Simulate, StartRun
+    from cubepath.coordinator.testing.fixtures import (
+        RecordingFolder,
+        ReplayFixture,
+        RunFixture,
+        SimulateFixture,
+    )
 
 SEED = "cubepath_seed"
 MARKER = "cubepath"
@@ -215,13 +220,13 @@ def cubepath_seed(request: pytest.FixtureRequest) -> int:
 
 
 @pytest.fixture
-def _cubepath_places(request: pytest.FixtureRequest) -> Places:
-    from cubepath.coordinator.testing.fixtures import Places  # noqa: PLC0415 - only when asked for
+def _cubepath_places(request: pytest.FixtureRequest) -> RecordingFolder:
+    from cubepath.coordinator.testing.fixtures import RecordingFolder  # noqa: PLC0415 - only when asked for
 
     logs = request.config.getoption("--cubepath-logs")
     if logs:
-        return Places(Path(logs), request.node.nodeid)
-    return Places(request.getfixturevalue("tmp_path"))
+        return RecordingFolder(Path(logs), request.node.nodeid)
+    return RecordingFolder(request.getfixturevalue("tmp_path"))
 
 
 def _tell(request: pytest.FixtureRequest, teller: object) -> None:
@@ -238,16 +243,16 @@ def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 @pytest.fixture
 def cubepath_run(
-    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
-) -> Iterator[StartRun]:
+    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: RecordingFolder
+) -> Iterator[RunFixture]:
     """Return what starts a run in processes: ``cubepath_run("hex:n=7", "chain")`` is a `Rig`.
 
     Everything that it starts is ended when the test is over, whatever happens.
     """
-    from cubepath.coordinator.testing.fixtures import StartRun, marked  # noqa: PLC0415 - as above
+    from cubepath.coordinator.testing.fixtures import RunFixture, marked  # noqa: PLC0415 - as above
 
     defaults: dict[str, Any] = {"seed": cubepath_seed, "timeout_s": _timeout_s(request.config)}
-    found = StartRun(_cubepath_places, defaults | marked(_marked(request)))
+    found = RunFixture(_cubepath_places, defaults | marked(_marked(request)))
     _tell(request, found)
     try:
         yield found
@@ -257,22 +262,24 @@ def cubepath_run(
 
 @pytest.fixture
 def cubepath_simulate(
-    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
-) -> Simulate:
+    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: RecordingFolder
+) -> SimulateFixture:
     """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
-    from cubepath.coordinator.testing.fixtures import Simulate, marked  # noqa: PLC0415 - as above
+    from cubepath.coordinator.testing.fixtures import SimulateFixture, marked  # noqa: PLC0415 - as above
 
-    found = Simulate(_cubepath_places, cubepath_seed, marked(_marked(request)))
+    found = SimulateFixture(_cubepath_places, cubepath_seed, marked(_marked(request)))
     _tell(request, found)
     return found
 
 
 @pytest.fixture
-def cubepath_replay(request: pytest.FixtureRequest, _cubepath_places: Places) -> Iterator[Replay]:
+def cubepath_replay(
+    request: pytest.FixtureRequest, _cubepath_places: RecordingFolder
+) -> Iterator[ReplayFixture]:
     """Return what puts a recording into the code under test: a function, a command, a rule."""
-    from cubepath.coordinator.testing.fixtures import Replay  # noqa: PLC0415 - as above
+    from cubepath.coordinator.testing.fixtures import ReplayFixture  # noqa: PLC0415 - as above
 
-    found = Replay(_timeout_s(request.config), _cubepath_places)
+    found = ReplayFixture(_timeout_s(request.config), _cubepath_places)
     _tell(request, found)
     try:
         yield found

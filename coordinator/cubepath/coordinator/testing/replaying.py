@@ -8,14 +8,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from cubepath.coordinator.playback.comparing import Replayed
+from cubepath.coordinator.playback.comparing import ReplayResult
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command, check_command
-from cubepath.coordinator.testing.link import Link
-from cubepath.coordinator.testing.log import Log, What, pattern_of
-from cubepath.coordinator.testing.seen import RESULTS, Seen
+from cubepath.coordinator.testing.link import LinkProxy
+from cubepath.coordinator.testing.log import RunLog, What, pattern_of
+from cubepath.coordinator.testing.seen import RESULTS, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import function
 from cubepath.protocol.wire.free_messages import free_key
@@ -28,7 +28,7 @@ _POLL_S = 0.01
 
 
 def replay_into(
-    log: Log, to: Callable[[Seen], T], what: What = "", *, run: str = RUN, **pattern: Any
+    log: RunLog, to: Callable[[WireMessage], T], what: What = "", *, run: str = RUN, **pattern: Any
 ) -> list[T]:
     """Call a function with each message of a log, in its order; return what it returned.
 
@@ -47,7 +47,7 @@ def replay_into(
 
 
 def replay_into_node(
-    log: Log, node: Node, what: What = "", *, run: str = RUN, **pattern: Any
+    log: RunLog, node: Node, what: What = "", *, run: str = RUN, **pattern: Any
 ) -> list[Effect]:
     """Start a node and give it each message of a log; return its effects, in their order.
 
@@ -57,7 +57,7 @@ def replay_into_node(
         raise InputError(f"node={node!r}: expected a node")
     found = list(node.start())
 
-    def give(seen: Seen) -> None:
+    def give(seen: WireMessage) -> None:
         found.extend(node.receive(seen.key, seen.data))
 
     replay_into(log, give, what, run=run, **pattern)
@@ -65,21 +65,21 @@ def replay_into_node(
 
 
 def _check_log(log: object) -> None:
-    if not isinstance(log, Log):
+    if not isinstance(log, RunLog):
         raise InputError(f"{log!r}: expected a Log")
 
 
-def _on_wire(seen: Seen, run: str) -> Seen:
+def _on_wire(seen: WireMessage, run: str) -> WireMessage:
     message: Any = seen.message
     if message is None:
         return seen
     has_rounds = getattr(message, "round", None) is not None
     key = key_of(run, message) if has_rounds else free_key(run, message)
-    return Seen(key, seen.data, seen.at_s)
+    return WireMessage(key, seen.data, seen.at_s)
 
 
 def live_modules(
-    log: Log,
+    log: RunLog,
     modules: Iterable[int] | None = None,
     *,
     diverging: bool = False,
@@ -90,7 +90,7 @@ def live_modules(
     The options are those of `cubepath.coordinator.replay_live`, such as ``rule``. AssertionError
     names the first divergence, or with `diverging` says that there was none.
 
-    >>> log = Log.read("logs/golden/agv-6.mcap")
+    >>> log = RunLog.read("logs/golden/agv-6.mcap")
     >>> live_modules(log, [0, 1], processes=0).rounds
     20
     """
@@ -105,21 +105,21 @@ def live_modules(
 
 
 def other_rule(
-    log: Log,
+    log: RunLog,
     rule: str,
     *,
     from_round: int,
     failing: bool = False,
     out: Path | str | None = None,
     **options: Any,
-) -> Log:
+) -> RunLog:
     """Go on from a round of a log with another rule; return the log of the new run.
 
     It is recorded in the file `out`, by default a new one in the folder ``logs``. The options are
     those of `cubepath.coordinator.what_if`. AssertionError if the run fails, or if it does not and
     is expected to (`failing`).
 
-    >>> log = Log.read("logs/golden/agv-6.mcap")
+    >>> log = RunLog.read("logs/golden/agv-6.mcap")
     >>> other_rule(log, "random", from_round=5, max_rounds=9, processes=0, out="if.mcap").rounds
     9
     """
@@ -129,7 +129,7 @@ def other_rule(
     if (outcome.ended == "failed") is not failing:
         found = f"it ended: {outcome.ended}" if failing else outcome.error
         raise AssertionError(f"rule {rule} from round {from_round} on: {found}")
-    return Log(outcome.recording())
+    return RunLog(outcome.recording())
 
 
 class Listener:
@@ -141,7 +141,7 @@ class Listener:
 
     def __init__(
         self,
-        log: Log,
+        log: RunLog,
         command: str | Sequence[str],
         *,
         timeout_s: float = 30.0,
@@ -161,7 +161,7 @@ class Listener:
         self._command: Command | None = None
 
         def announce(endpoint: str, run: str) -> None:
-            link = self._resources.enter_context(Link("listener", endpoint))
+            link = self._resources.enter_context(LinkProxy("listener", endpoint))
 
             def filled(text: str) -> str:
                 return text.replace("{endpoint}", link.endpoint).replace("{run}", run)
@@ -172,7 +172,7 @@ class Listener:
             _wait_until_it_listens(self._command, link, run, timeout_s)
 
         try:
-            self.replayed: Replayed = replay(
+            self.replayed: ReplayResult = replay(
                 log.recording,
                 rate=rate,
                 kinds=kinds,
@@ -203,7 +203,7 @@ class Listener:
         self.close()
 
 
-def _wait_until_it_listens(command: Command, link: Link, run: str, timeout_s: float) -> None:
+def _wait_until_it_listens(command: Command, link: LinkProxy, run: str, timeout_s: float) -> None:
     deadline = time.monotonic() + timeout_s
     while not link.listens(f"cubepath/{run}/**"):
         over = command.returncode is not None

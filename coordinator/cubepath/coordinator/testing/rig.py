@@ -26,9 +26,9 @@ from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
-from cubepath.coordinator.testing.log import Log, What, pattern_of
-from cubepath.coordinator.testing.seen import RESULTS, Seen, short, table
-from cubepath.coordinator.testing.wounds import Who, Wounds
+from cubepath.coordinator.testing.log import RunLog, What, pattern_of
+from cubepath.coordinator.testing.seen import RESULTS, WireMessage, short, table
+from cubepath.coordinator.testing.wounds import ProcessFaults, Who
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import Site
@@ -116,7 +116,7 @@ _FOR_A_COMMAND = 5
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
-class Rig(Wounds):
+class RunUnderTest(ProcessFaults):
     """A run under test, as a context manager that leaves nothing running, whatever happens."""
 
     def __init__(
@@ -160,7 +160,7 @@ class Rig(Wounds):
         self.run.check_files(self._files)
         self.said: list[str] = []
         """What the run said in lines: where it listens, who is waited for, who died."""
-        self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
+        self.heard: deque[WireMessage] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
         self._unexpected: list[str] = []
         self._parts: deque[Any] = deque()
@@ -259,7 +259,7 @@ class Rig(Wounds):
         kind = overheard.kind
         free = self.run.plan.is_free or kind in FREE_KINDS
         key = free_key(run, message) if free else key_of(run, message)
-        seen = Seen(key, encode(message), overheard.wall_ns / 1e9)
+        seen = WireMessage(key, encode(message), overheard.wall_ns / 1e9)
         self.heard.append(seen)
         for planned in tuple(self._planned):
             if not planned.done and planned.pattern(seen):
@@ -288,15 +288,15 @@ class Rig(Wounds):
 
     def until(
         self,
-        what: Callable[[Rig], object] | What = "",
+        what: Callable[[RunUnderTest], object] | What = "",
         *,
         timeout_s: float | None = None,
         **pattern: Any,
-    ) -> Seen | None:
+    ) -> WireMessage | None:
         """Go on until something holds, or until a message comes; return the message.
 
         `what` is a function of the run under test, or a kind or pattern of a message that comes
-        from now on, as for `Log.messages`. With rounds both are looked at between two rounds.
+        from now on, as for `RunLog.messages`. With rounds both are looked at between two rounds.
 
         AssertionError tells what was seen if the run ends before, a process dies that nobody has
         wounded, or the time is over: the last messages, and how each process is.
@@ -342,7 +342,9 @@ class Rig(Wounds):
             self._fail(f"the run failed: {short(outcome.error or 'it does not say why')}")
         return outcome
 
-    def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
+    def _go_on(
+        self, what: Callable[[RunUnderTest], object], name: str, timeout_s: float | None
+    ) -> None:
         __tracebackhide__ = True
         patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
         end = time.monotonic() + patience
@@ -372,10 +374,10 @@ class Rig(Wounds):
         self._heal_all()
         return self.run.stop()
 
-    def finish(self) -> Log:
+    def finish(self) -> RunLog:
         """End the run where it stands, unless it has ended, and return its log."""
         self.stop()
-        return Log.read(self.path)
+        return RunLog.read(self.path)
 
     # How it stands.
 

@@ -15,7 +15,7 @@ from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
-from cubepath.coordinator.testing.seen import KNOWN, Seen
+from cubepath.coordinator.testing.seen import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.wire.keys import topic_in_key
@@ -46,7 +46,7 @@ class Pattern:
     module: int | None = None
     sender: str | None = None
     to: str | None = None
-    where: Callable[[Seen], bool] | None = None
+    where: Callable[[WireMessage], bool] | None = None
 
     def __post_init__(self) -> None:
         """Check what is given; InputError tells what was expected, with the nearest name."""
@@ -65,7 +65,7 @@ class Pattern:
         if not (self.where is None or callable(self.where)):
             raise InputError(f"where={self.where!r}: expected a function of a message")
 
-    def holds(self, seen: Seen, receiver: str = "") -> bool:
+    def holds(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether a message is meant; on its way down a link it has a `receiver`."""
         return (
             (self.sender is None or self.sender == seen.sender)
@@ -76,7 +76,7 @@ class Pattern:
             and (self.where is None or self.where(seen))
         )
 
-    def _round(self, seen: Seen) -> bool:
+    def _round(self, seen: WireMessage) -> bool:
         if self.round is None:
             return True
         number = seen.round
@@ -84,7 +84,7 @@ class Pattern:
             return number is not None and number in self.round
         return number == self.round
 
-    def _parts(self, seen: Seen) -> bool:
+    def _parts(self, seen: WireMessage) -> bool:
         kind, module = self.kind, self.module
         if kind is not None and kind == seen.kind and module is None:
             return True
@@ -130,7 +130,7 @@ class Rule:
     """Senders whose messages it meets where they are said, and passes over on their way down."""
     count: int = 0
     """How many messages it met so far."""
-    met: deque[Seen] = field(default_factory=lambda: deque(maxlen=KEPT))
+    met: deque[WireMessage] = field(default_factory=lambda: deque(maxlen=KEPT))
     """The last of these."""
     on: bool = True
     _meant: int = field(default=0, init=False)
@@ -153,7 +153,7 @@ class Rule:
         check_seconds("seconds", self.seconds)
         check_whole("by", self.by, 1)
 
-    def meets(self, seen: Seen, receiver: str = "") -> bool:
+    def meets(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether it meets a message that comes by, and count it."""
         if not self.on or (receiver and seen.sender in self.told):
             return False
@@ -172,7 +172,7 @@ class Rule:
             self._changed.notify_all()
         return True
 
-    def _drawn(self, seen: Seen, receiver: str) -> bool:
+    def _drawn(self, seen: WireMessage, receiver: str) -> bool:
         """Return whether chance meets it: by its bytes, how often they came, and the seed."""
         if self.probability == 1.0:
             return True
@@ -235,7 +235,7 @@ class Fate:
     behind: int = 0
 
 
-def fate_of(rules: list[Rule], seen: Seen, receiver: str = "") -> Fate | None:
+def fate_of(rules: list[Rule], seen: WireMessage, receiver: str = "") -> Fate | None:
     """Return what the rules that meet a message do to it; None if none meets it.
 
     They are asked in their order, and none after one that drops it.

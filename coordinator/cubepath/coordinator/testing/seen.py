@@ -52,7 +52,7 @@ KNOWN = frozenset((*KINDS, *FREE_KINDS, *PARTS))
 
 
 @dataclass(frozen=True)
-class Seen:
+class WireMessage:
     """A message with its key, as it was on the wire.
 
     What follows is read from the bytes when it is asked for; bytes that are no message of cubepath
@@ -184,7 +184,7 @@ def short(text: str, most: int = _LINE_MAX) -> str:
     return line if len(line) <= most else line[: most - 3] + "..."
 
 
-def table(messages: Sequence[Seen], marked: Iterable[int] = (), title: str = "") -> str:
+def table(messages: Sequence[WireMessage], marked: Iterable[int] = (), title: str = "") -> str:
     """Return messages as a table, a line each, those at these places marked with ``>``.
 
     Of more than `ROWS_MAX` messages those around the first that is marked, or the last, are shown.
@@ -207,7 +207,7 @@ def table(messages: Sequence[Seen], marked: Iterable[int] = (), title: str = "")
     return "\n".join([*head, *("  " + line.rstrip() for line in lines), *more])
 
 
-def _row(seen: Seen, *, marked: bool) -> tuple[str, ...]:
+def _row(seen: WireMessage, *, marked: bool) -> tuple[str, ...]:
     number = "" if seen.round is None else str(seen.round)
     what = short(seen.what, WHAT_MAX)
     return (">" if marked else "", number, seen.phase, seen.kind, seen.sender, seen.to, what)

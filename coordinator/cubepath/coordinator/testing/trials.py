@@ -27,7 +27,7 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_s
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
-from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.seen import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import whole_number
@@ -54,7 +54,7 @@ class Trial:
     scenario: Scenario | FreeScenario
     faults: tuple[Fault, ...] = ()
 
-    def play(self, make: MakeNode = host_node) -> Tried:
+    def play(self, make: MakeNode = host_node) -> TrialResult:
         """Simulate the run, and return what came of it; nothing is raised that fails in it.
 
         `make` makes the nodes of module processes of a run with rounds: your own code, from its
@@ -63,10 +63,10 @@ class Trial:
         if isinstance(self.scenario, FreeScenario):
             if make is not host_node:
                 raise InputError("make: only for runs with rounds (clock=lockstep)")
-            return Tried(self, free_simulate(self.scenario, Listed(self.faults)))
-        return Tried(self, simulate(self.scenario, Listed(self.faults), make=make))
+            return TrialResult(self, free_simulate(self.scenario, Listed(self.faults)))
+        return TrialResult(self, simulate(self.scenario, Listed(self.faults), make=make))
 
-    def check(self, make: MakeNode = host_node) -> Tried:
+    def check(self, make: MakeNode = host_node) -> TrialResult:
         """Simulate the run, and check that everything holds; AssertionError tells what does not.
 
         With rounds: the path is the one without faults, the run ends as it does there unless a
@@ -80,7 +80,7 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class TrialResult:
     """What came of a trial."""
 
     trial: Trial
@@ -107,11 +107,11 @@ class Tried:
         return self.run.seconds
 
     @property
-    def log(self) -> Log:
+    def log(self) -> RunLog:
         """Return the log of a run with rounds; InputError for one without, which keeps none."""
         if isinstance(self.run, FreeSimulated):
             raise InputError("log: a simulated run without rounds keeps none, expected lockstep")
-        return Log(self.run.recording)
+        return RunLog(self.run.recording)
 
     def write(self, path: Path) -> None:
         """Write the recording of a run with rounds to a new file; InputError for one without."""

@@ -10,10 +10,10 @@ from typing import Any
 
 from cubepath.coordinator.testing.checks import check_name, check_seconds
 from cubepath.coordinator.testing.commands import Guard
-from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import What, pattern_of
 from cubepath.coordinator.testing.rules import Action, Pattern, Rule
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
@@ -32,15 +32,15 @@ _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
 
 @dataclass(slots=True, eq=False, repr=False)
-class Planned:
+class PlannedFault:
     """Something that happens now, or when a message comes; `at` is that message, once it has."""
 
-    pattern: Callable[[Seen], bool]
+    pattern: Callable[[WireMessage], bool]
     act: Callable[[], None]
-    at: Seen | None = None
+    at: WireMessage | None = None
     done: bool = False
 
-    def do(self, at: Seen | None = None) -> None:
+    def do(self, at: WireMessage | None = None) -> None:
         """Have it happen."""
         self.at, self.done = at, True
         self.act()
@@ -60,7 +60,7 @@ class Wire:
         if ill or isinstance(links, str):
             raise InputError(f"links={links!r}: expected True, False, or a list of processes")
         self._wanted = links
-        self.links: dict[str, Link] = {}
+        self.links: dict[str, LinkProxy] = {}
         self._guard: Guard | None = None
 
     @property
@@ -76,7 +76,7 @@ class Wire:
         if name not in self.links and not (wanted if isinstance(wanted, bool) else name in wanted):
             return endpoint, credentials
         if name not in self.links:  # one that is started again has its link already
-            link = self.links[name] = Link(name, endpoint, credentials)
+            link = self.links[name] = LinkProxy(name, endpoint, credentials)
             if is_private(link.endpoint):
                 self.guard.watch_folder(Path(link.endpoint.partition("/")[2]).parent)
         return self.links[name].endpoint, credentials
@@ -86,7 +86,7 @@ class Wire:
         for name in () if isinstance(self._wanted, bool) else self._wanted:
             check_name("links: ", name, known)
 
-    def link_of(self, name: str) -> Link:
+    def link_of(self, name: str) -> LinkProxy:
         """Return the link of a process; InputError if it has none."""
         for link in self.links.values():
             if name in (link.name, link.speaks_as):

@@ -15,8 +15,8 @@ from cubepath.coordinator.testing.checks import check_name, check_seconds, check
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.log import pattern_of
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import Seen
-from cubepath.coordinator.testing.wire import Planned, Wire
+from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.wire import PlannedFault, Wire
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR
 
@@ -28,7 +28,7 @@ Who: TypeAlias = "str | int"
 """A process by its name, or by the number of one of its modules."""
 
 
-class Wounds(Wire):
+class ProcessFaults(Wire):
     """The processes of a run under test, ours and those of others, by their names."""
 
     run: Running
@@ -37,7 +37,7 @@ class Wounds(Wire):
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Do nothing to anyone yet."""
         super().__init__(links=links)
-        self._planned: list[Planned] = []
+        self._planned: list[PlannedFault] = []
         self._wounded: set[str] = set()
         self._paused: dict[str, int] = {}
         self._timers: dict[tuple[str, str], threading.Timer] = {}
@@ -101,7 +101,7 @@ class Wounds(Wire):
 
     # What is done to them.
 
-    def kill(self, who: Who, at: When = None) -> Planned:
+    def kill(self, who: Who, at: When = None) -> PlannedFault:
         """Kill a process, now, in a round or at a level, or at a message.
 
         A run with rounds ends by that: they tolerate pauses and loss, not death. Without rounds the
@@ -110,7 +110,7 @@ class Wounds(Wire):
         name = self.name_of(who)
         return self._do(at, lambda: self._signal(name, signal.SIGKILL))
 
-    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> Planned:
+    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> PlannedFault:
         """Have a process stand still, for some seconds, or until it is resumed.
 
         With rounds nobody goes on meanwhile: without `seconds` the next round waits in vain.
@@ -143,7 +143,7 @@ class Wounds(Wire):
         if timer is not None:
             timer.cancel()
 
-    def resume(self, who: Who, at: When = None) -> Planned:
+    def resume(self, who: Who, at: When = None) -> PlannedFault:
         """Have a process that was paused go on; no other is changed."""
         name = self.name_of(who)
 
@@ -161,7 +161,7 @@ class Wounds(Wire):
 
     def cut_off(
         self, who: Who, at: When = None, *, seconds: float | None = None, keep: bool = False
-    ) -> Planned:
+    ) -> PlannedFault:
         """Cut the link of a process, for some seconds or until it is healed.
 
         Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
@@ -178,7 +178,7 @@ class Wounds(Wire):
 
         return self._do(at, act)
 
-    def heal(self, who: Who | None = None, at: When = None) -> Planned:
+    def heal(self, who: Who | None = None, at: When = None) -> PlannedFault:
         """Heal the link of a process, or all links."""
         links = [self.link_of(self.name_of(who))] if who is not None else [*self.links.values()]
 
@@ -189,15 +189,15 @@ class Wounds(Wire):
 
         return self._do(at, act)
 
-    def when(self, at: When, act: Callable[[], None]) -> Planned:
+    def when(self, at: When, act: Callable[[], None]) -> PlannedFault:
         """Have a function called in a round or at a level, or at a message; it may not go on."""
         return self._do(at, act)
 
-    def _do(self, at: When, act: Callable[[], None]) -> Planned:
+    def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:
         if not callable(act):
             raise InputError(f"{act!r}: expected a function")
         if at is None:
-            now = Planned(lambda _: False, act)
+            now = PlannedFault(lambda _: False, act)
             now.do()
             return now
         if isinstance(at, int):
@@ -205,8 +205,10 @@ class Wounds(Wire):
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
         return self._plan(pattern_of(at).holds, act)
 
-    def _plan(self, pattern: Callable[[Seen], bool], act: Callable[[], None]) -> Planned:
-        planned = Planned(pattern, act)
+    def _plan(
+        self, pattern: Callable[[WireMessage], bool], act: Callable[[], None]
+    ) -> PlannedFault:
+        planned = PlannedFault(pattern, act)
         self._planned.append(planned)
         return planned
 

@@ -21,7 +21,7 @@ from cubepath.coordinator.experiments.setting import scene_hash
 from cubepath.coordinator.theory.search.anytime import improve
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.heuristics import Potential, Ways
+from cubepath.coordinator.theory.search.heuristics import Potential, ReachableSites
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.transitions import Transitions, maskable
 from cubepath.protocol.core.errors import CubepathError
@@ -37,7 +37,7 @@ _DISTANCE_STEPS = 200_000
 """For how many sites it may be asked where a module can go from there, to measure distances."""
 
 
-class _BoundedWays(Ways):
+class _BoundedWays(ReachableSites):
     """The ways of modules, from a bounded number of sites."""
 
     def __init__(self, system: System) -> None:
@@ -50,7 +50,7 @@ class _BoundedWays(Ways):
 
 
 @dataclass(slots=True)
-class SceneFacts:
+class ComputedSceneFacts:
     """What is known of a scene.
 
     `optimum` is the least number of cubes from start to goal, None if it is not known, `at_least`
@@ -115,7 +115,7 @@ class SceneFacts:
 
 
 @lru_cache(maxsize=32)
-def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFacts:
+def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> ComputedSceneFacts:
     """Return what is known of a scene by name.
 
     `max_states` bounds a search for the optimum, `iterations` one for a path with few cubes; there
@@ -124,7 +124,7 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFact
     scene = scene_from_spec(system)
     steps, hashed = Transitions(scene.system), scene_hash(scene)
     if scene.goal is None:
-        return SceneFacts(scene, None, None, None, None, None, hashed, None, steps)
+        return ComputedSceneFacts(scene, None, None, None, None, None, hashed, None, steps)
     start, goal = scene.start_state, scene.goal | scene.system.filled
     potential, best, at_least = None, None, None
     with suppress(SpentError, CubepathError):
@@ -141,7 +141,7 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFact
         found_best = _best_found(scene, iterations)
     missing = len(scene.goal - scene.start_state)
     distance = None if potential is None else potential.of(potential.start)
-    return SceneFacts(
+    return ComputedSceneFacts(
         scene, at_least, best, found_best, missing, distance, hashed, potential, steps
     )
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 
-from cubepath.coordinator.testing import Replay, StartRun, Trial, scenarios
+from cubepath.coordinator.testing import ReplayFixture, RunFixture, Trial, scenarios
 
 WANDER = f"{Path(__file__).parents[1] / 'vehicles.py'}:WANDER"
 CITY = "agv:graph=grid4x4,n=4"
 
 
-def test_a_vehicle_that_dies_comes_back(cubepath_run: StartRun) -> None:
+def test_a_vehicle_that_dies_comes_back(cubepath_run: RunFixture) -> None:
     """Without rounds: a process is killed while its vehicles drive, and started again."""
     run = cubepath_run(CITY, clock="free")
     run.until_moves(3)
@@ -24,7 +24,7 @@ def test_a_vehicle_that_dies_comes_back(cubepath_run: StartRun) -> None:
 
 
 @pytest.mark.cubepath(seeds=range(2))
-def test_what_the_wire_does_changes_nothing(cubepath_run: StartRun) -> None:
+def test_what_the_wire_does_changes_nothing(cubepath_run: RunFixture) -> None:
     """Messages are lost and doubled: the run is the same as on a good wire."""
     bad = cubepath_run(CITY, WANDER, max_rounds=8)
     lost = bad.drop("said", probability=0.05, seed=1, times=3)
@@ -37,7 +37,7 @@ def test_what_the_wire_does_changes_nothing(cubepath_run: StartRun) -> None:
     bad.finish().assert_same_run(good.finish())
 
 
-def test_nobody_waits_for_a_vehicle_for_ever(cubepath_run: StartRun) -> None:
+def test_nobody_waits_for_a_vehicle_for_ever(cubepath_run: RunFixture) -> None:
     """A process stands still in the third round for a moment, and nothing else is lost."""
     run = cubepath_run(CITY, WANDER, max_rounds=6)
     paused = run.pause("process_0", at=3, seconds=0.5)
@@ -55,7 +55,9 @@ def test_no_fault_that_is_tolerated_is_noticed(trial: Trial) -> None:
     trial.check().log.assert_legal()
 
 
-def test_the_log_says_who_claimed_what(cubepath_run: StartRun, cubepath_replay: Replay) -> None:
+def test_the_log_says_who_claimed_what(
+    cubepath_run: RunFixture, cubepath_replay: ReplayFixture
+) -> None:
     """And a recording is replayed into whatever reads messages: here a list of their kinds."""
     run = cubepath_run(CITY, WANDER, max_rounds=5)
     run.play()

@@ -30,8 +30,8 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import (
     Cell,
-    Imported,
-    Request,
+    ImportedPath,
+    PlanRequest,
     VehiclePlan,
     decode_file,
     no_system,
@@ -75,8 +75,8 @@ def looks_like_cgshop2021(head: bytes) -> bool:
     return b'"steps"' in head and b'"instance"' in head
 
 
-def read_cgshop2021(request: Request) -> Imported:
-    """Read a solution, with its instance in a second file; errors as `Imported` says."""
+def read_cgshop2021(request: PlanRequest) -> ImportedPath:
+    """Read a solution, with its instance in a second file; errors as `ImportedPath` says."""
     path = request.path
     no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
     companion = only(request, "instance")
@@ -115,7 +115,7 @@ def read_cgshop2021(request: Request) -> Imported:
 
     moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
     rounds = len(solution.steps)
-    return Imported(moves, rounds, scene, labelled_goals=True, unsolved=unsolved, vehicles=plan)
+    return ImportedPath(moves, rounds, scene, labelled_goals=True, unsolved=unsolved, vehicles=plan)
 
 
 def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
@@ -129,7 +129,7 @@ def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
     return graph_round(str(companion), named, frozenset(instance.obstacles))
 
 
-def _pair(request: Request, companion: Path) -> tuple[_Instance, _Solution]:
+def _pair(request: PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
     """Return instance and solution; InputError if they do not belong together."""
     path = request.path
     instance = decode_file(companion, _Instance)

@@ -31,7 +31,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
+from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, decode_file, no_system, only
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
 from cubepath.protocol.systems.point_sets import (
     Edge,
@@ -65,8 +65,8 @@ def looks_like_cgshop2026(head: bytes) -> bool:
     return b'"flips"' in head and b'"instance_uid"' in head
 
 
-def read_cgshop2026(request: Request) -> Imported:
-    """Read the flips of one triangulation, with a second file; errors as `Imported` says."""
+def read_cgshop2026(request: PlanRequest) -> ImportedPath:
+    """Read the flips of one triangulation, with a second file; errors as `ImportedPath` says."""
     path = request.path
     no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
     companion = only(request, "instance")
@@ -113,7 +113,7 @@ def read_cgshop2026(request: Request) -> Imported:
             f" {first}: {why}"
         )
 
-    return Imported(moves(), len(rounds), scene, unsolved=unsolved)
+    return ImportedPath(moves(), len(rounds), scene, unsolved=unsolved)
 
 
 def _apart(
@@ -138,7 +138,7 @@ def _apart(
 
 
 def _check_pair(
-    request: Request, companion: Path, instance: _Instance, solution: _Solution
+    request: PlanRequest, companion: Path, instance: _Instance, solution: _Solution
 ) -> None:
     """Check that both files are of the expected types, and belong to one instance."""
     path = request.path

@@ -13,7 +13,7 @@ from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Sourc
 from cubepath.protocol.core.parsing import Keys, all_values, given_values
 from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
 from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
-from cubepath.protocol.plans.imported import Imported, Request
+from cubepath.protocol.plans.imported import ImportedPath, PlanRequest
 from cubepath.protocol.plans.mapf import (
     looks_like_agents,
     looks_like_lists,
@@ -55,7 +55,7 @@ class Format:
     summary: str
     keys: Keys
     looks_like: Callable[[bytes], bool]
-    read: Callable[[Request], Imported]
+    read: Callable[[PlanRequest], ImportedPath]
 
 
 _ORDER = "xy for (x, y), rc for (row, column)"
@@ -117,11 +117,11 @@ def read_plan(
     *,
     companions: Sequence[Path | str] = (),
     system: str | None = None,
-) -> Imported | None:
+) -> ImportedPath | None:
     """Read a plan; `spec`, as `name` or `name:key=value,...`, or else its content gives the format.
 
-    None if there is no `spec` and the content has no known format. Raises InputError as `Imported`
-    says, and if `spec` is invalid.
+    None if there is no `spec` and the content has no known format. Raises InputError as
+    `ImportedPath` says, and if `spec` is invalid.
 
     >>> from pathlib import Path
     >>> _ = Path("rolls.txt").write_text("(0,0) -> (0,1) about (1,0)")
@@ -134,7 +134,7 @@ def read_plan(
         if told is None:
             return None
         known, values = _chosen(told)
-        return known.read(Request(file, tuple(map(Path, companions)), values, system))
+        return known.read(PlanRequest(file, tuple(map(Path, companions)), values, system))
 
 
 def _chosen(told: str) -> tuple[Format, dict[str, str]]:

@@ -4,7 +4,7 @@ Moves are checked as they are made, from the start on; nothing is shortened here
 
 Plans of vehicles with the planner's own rounds, in which some may follow or rotate.
 
-As moves one after another (`Imported.moves`) a plan loses what its planner did at one time, and
+As moves one after another (`ImportedPath.moves`) a plan loses what its planner did at one time, and
 vehicles that rotate on a cycle of vertices have no such order at all. Here both are kept.
 
 Every move is checked; what a following vehicle may do is up to the coordinator.
@@ -79,7 +79,7 @@ def _solved() -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class PlanRequest:
     """A request to a reader: a plan, its companion files, and the values of the format's keys."""
 
     file: InputFile
@@ -94,7 +94,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedPath:
     """A path that another program has planned.
 
     `moves` yields each move as soon as it is checked, and raises InputError at the first invalid
@@ -129,7 +129,7 @@ def decode_file(source: Source, type_: type[_T]) -> _T:
     return found
 
 
-def only(request: Request, what: str) -> Path:
+def only(request: PlanRequest, what: str) -> Path:
     """Return the one companion file of the plan; InputError if there is none or several."""
     if not request.companions:
         raise InputError(f"{request.path}: says nothing of its {what}: expected --with FILE")
@@ -141,7 +141,7 @@ def only(request: Request, what: str) -> Path:
     return request.companions[0]
 
 
-def none_beside(request: Request) -> None:
+def none_beside(request: PlanRequest) -> None:
     """Raise InputError if there are companion files, which the format does not use."""
     if request.companions:
         raise InputError(
@@ -149,7 +149,7 @@ def none_beside(request: Request) -> None:
         )
 
 
-def no_system(request: Request, what: str) -> None:
+def no_system(request: PlanRequest, what: str) -> None:
     """Raise InputError if a system is given for a plan that defines its own."""
     if request.system is not None:
         raise InputError(f"{request.path}: {what}, expected no --system")

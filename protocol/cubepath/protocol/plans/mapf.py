@@ -51,8 +51,8 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import (
     Cell,
-    Imported,
-    Request,
+    ImportedPath,
+    PlanRequest,
     VehiclePlan,
     decode_file,
     no_system,
@@ -136,18 +136,18 @@ def looks_like_lists(head: bytes) -> bool:
     return re.match(rb"\s*\[\s*(\[|\]\s*$)", head) is not None and b"->" not in head
 
 
-def read_log(request: Request) -> Imported:
-    """Read a log of pibt2 or LaCAM; InputError as `Imported` says."""
+def read_log(request: PlanRequest) -> ImportedPath:
+    """Read a log of pibt2 or LaCAM; InputError as `ImportedPath` says."""
     return _imported(request, _log(request.file), "xy")
 
 
-def read_agents(request: Request) -> Imported:
-    """Read paths as EECBS and MAPF-LNS2 write them; InputError as `Imported` says."""
+def read_agents(request: PlanRequest) -> ImportedPath:
+    """Read paths as EECBS and MAPF-LNS2 write them; InputError as `ImportedPath` says."""
     return _imported(request, _agents(request.file), "")
 
 
-def read_lists(request: Request) -> Imported:
-    """Read lists of lists of cells; InputError as `Imported` says."""
+def read_lists(request: PlanRequest) -> ImportedPath:
+    """Read lists of lists of cells; InputError as `ImportedPath` says."""
     path = request.path
     found = decode_file(request.file, list[list[Cell]])
     by = request.values["by"]
@@ -253,7 +253,7 @@ def _short(words: str) -> str:
     return repr(words if len(words) <= 40 else f"{words[:40]}...")
 
 
-def _imported(request: Request, plan: _Plan, order: str) -> Imported:
+def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
     """Check a plan's cells against its companion files, and turn it into moves."""
     path = request.path
     no_system(request, "a plan on a map")
@@ -296,7 +296,7 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
         return VehiclePlan(path, tuple(first), turned, plan.steps, "agent", edges, unsolved())
 
     moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
-    return Imported(
+    return ImportedPath(
         moves, plan.steps, scene, labelled_goals=True, unsolved=unsolved, vehicles=vehicle_plan
     )
 
@@ -354,7 +354,7 @@ def _fits(
 
 
 def _beside(
-    request: Request, plan: _Plan
+    request: PlanRequest, plan: _Plan
 ) -> tuple[Graph, Sequence[Cell] | None, Sequence[Cell] | None]:
     """Return the map, and the starts and goals of the scenario if there is one."""
     graph: Graph | None = None
@@ -403,7 +403,7 @@ def _scenario(file: InputFile) -> tuple[list[Cell], list[Cell]]:
 
 
 def _in_order(
-    request: Request,
+    request: PlanRequest,
     plan: _Plan,
     order: str,
     free: AbstractSet[Cell],

@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System, local_only
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Imported, Request, none_beside, text
+from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, none_beside, text
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
@@ -71,8 +71,8 @@ def looks_like_plain(head: bytes) -> bool:
     return False
 
 
-def read_plain(request: Request) -> Imported:
-    """Read a list of moves of the given system; errors as `Imported` says."""
+def read_plain(request: PlanRequest) -> ImportedPath:
+    """Read a list of moves of the given system; errors as `ImportedPath` says."""
     path = request.path
     none_beside(request)
     if request.system is None:
@@ -94,7 +94,7 @@ def read_plain(request: Request) -> Imported:
             apply_in_place(move.action, state)
             yield PathMove(move.action, GeneratorPlacement(move.generator, move.at), before)
 
-    return Imported(moves(), None, lambda: scene)
+    return ImportedPath(moves(), None, lambda: scene)
 
 
 def _parsed(words: str) -> _Line:

@@ -3,7 +3,7 @@
 These are the JSON files of the project's own sample data, an object with "starts"; see
 docs/files.md. A vehicle enters only an empty cell, so the moves as listed are one path; where the
 file has the planner's rounds, a vehicle moves after the one whose cell it enters, in whatever order
-the file lists them, and `Imported.vehicles` reads what rotates in them too.
+the file lists them, and `ImportedPath.vehicles` reads what rotates in them too.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Cell, Imported, VehiclePlan, text
+from cubepath.protocol.plans.imported import Cell, ImportedPath, VehiclePlan, text
 from cubepath.protocol.plans.vehicles import (
     Turned,
     Vehicles,
@@ -31,7 +31,7 @@ from cubepath.protocol.plans.vehicles import (
     vehicles_scene,
 )
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
+from cubepath.protocol.systems.graphs import PlannerInstance, scenario_from_json
 
 _STARTS = re.compile(rb'"starts"\s*:')
 
@@ -57,10 +57,10 @@ def _is_json(line: bytes) -> bool:
     return True
 
 
-def read_scenario(file: InputFile) -> Imported:
-    """Read a scenario; InputError as `Imported` says."""
+def read_scenario(file: InputFile) -> ImportedPath:
+    """Read a scenario; InputError as `ImportedPath` says."""
     path, scenario = file.path, scenario_from_json(file)
-    return Imported(
+    return ImportedPath(
         _moves(path, scenario),
         scenario.planner_rounds,
         lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
@@ -70,7 +70,7 @@ def read_scenario(file: InputFile) -> Imported:
     )
 
 
-def _plan(path: Path, scenario: Scenario) -> VehiclePlan:
+def _plan(path: Path, scenario: PlannerInstance) -> VehiclePlan:
     """Return the plan with its rounds; without any, the moves are checked one after another."""
     starts = tuple(map(_cell, scenario.starts))
     if scenario.rounds is None:
@@ -84,7 +84,7 @@ def _plan(path: Path, scenario: Scenario) -> VehiclePlan:
     return VehiclePlan(path, starts, moves, rounds, "vehicle", lambda: edges, unsolved)
 
 
-def _turned(path: Path, scenario: Scenario) -> Iterator[list[Turned]]:
+def _turned(path: Path, scenario: PlannerInstance) -> Iterator[list[Turned]]:
     """Yield the moves of each round, or each move by itself where there are no rounds."""
     free = set(scenario.graph.vertices)
     vehicles = Vehicles(list(map(_cell, scenario.starts)), free.__contains__, called="vehicle")
@@ -117,7 +117,7 @@ def _cell(site: Site) -> Cell:
     return cast("Cell", site)  # as a scenario has them
 
 
-def _unsolved(path: Path, scenario: Scenario) -> str | None:
+def _unsolved(path: Path, scenario: PlannerInstance) -> str | None:
     """Return how the moves miss the goals, which belong to all vehicles together, as for `agv`.
 
     A scenario without moves is a starting point, not a plan.
@@ -147,7 +147,7 @@ def _unsolved(path: Path, scenario: Scenario) -> str | None:
     )
 
 
-def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
+def _moves(path: Path, scenario: PlannerInstance) -> Iterator[PathMove]:
     """Yield the moves of a scenario's vehicles, each checked on the grid, from the starts on."""
     taken, free = set(scenario.starts), set(scenario.graph.vertices)
     edges = set(scenario.graph.edges)
@@ -172,7 +172,9 @@ def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
         yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))
 
 
-def _ordered(scenario: Scenario, taken: Container[Site]) -> Iterator[tuple[int, tuple[Site, Site]]]:
+def _ordered(
+    scenario: PlannerInstance, taken: Container[Site]
+) -> Iterator[tuple[int, tuple[Site, Site]]]:
     """Yield the moves with their numbers; in a round a cell is left before it is entered.
 
     The moves of a round are simultaneous, so the order in which the file lists them says nothing.

@@ -42,14 +42,14 @@ class _Batch(msgspec.Struct, gc=False):
 _batch = msgspec.json.Decoder(_Batch).decode
 
 
-class Kind(msgspec.Struct):
+class KindCount(msgspec.Struct):
     """How many messages of a kind there are, and how many bytes they have."""
 
     messages: int = 0
     bytes: int = 0
 
 
-_Known: TypeAlias = tuple[Kind, bool]
+_Known: TypeAlias = tuple[KindCount, bool]
 """Of a topic: its kind, and whether its messages are batches."""
 
 
@@ -58,7 +58,7 @@ class Counts:
     """The counts of a recording; `parts` counts what batches hold, by kind."""
 
     messages: int = 0
-    kinds: dict[str, Kind] = field(default_factory=dict)
+    kinds: dict[str, KindCount] = field(default_factory=dict)
     parts: dict[str, int] = field(default_factory=dict)
     topics: int = 0
     first_wall_ns: int | None = None
@@ -85,7 +85,7 @@ class Counts:
 
     def _know(self, topic: str) -> _Known:
         name = kind_in(topic)
-        kind = self.kinds.setdefault(name, Kind())
+        kind = self.kinds.setdefault(name, KindCount())
         known = kind, name in BATCHES
         self._known[topic] = known
         self.topics += 1
@@ -129,7 +129,7 @@ def _counts_in(values: Mapping[str, str]) -> Counts | None:
     try:
         return Counts(
             messages=int(told["messages"]),
-            kinds=msgspec.json.decode(told["kinds"], type=dict[str, Kind]),
+            kinds=msgspec.json.decode(told["kinds"], type=dict[str, KindCount]),
             parts=msgspec.json.decode(told["parts"], type=dict[str, int]),
             topics=int(told["topics"]),
             first_wall_ns=_number(told["first_wall_ns"]),

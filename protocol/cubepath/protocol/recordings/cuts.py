@@ -21,14 +21,14 @@ CUTS = (SPLIT, FILTERED, WHOLE)
 
 
 @dataclass(frozen=True)
-class Selection:
+class MessageSelection:
     """Which messages are taken: by topic, and by the range of their log times, ends included.
 
     A pattern has ``*``, ``?`` and ``[...]`` as file names have, and is held against the topic
     ``KIND/SENDER`` and against the kind alone. Without `topics` all are taken; what `exclude`
     matches is not.
 
-    >>> kept = Selection(topics=("report*",), first=2)
+    >>> kept = MessageSelection(topics=("report*",), first=2)
     >>> recording = read_recording("logs/golden/hex-5.mcap")
     >>> sum(kept.keeps(record) for record in recording.records)
     56
@@ -85,7 +85,7 @@ class Selection:
         return (each for each in recording.written(rounds=rounds) if self.keeps(each))
 
 
-def check_topics(recording: Recording, selection: Selection) -> None:
+def check_topics(recording: Recording, selection: MessageSelection) -> None:
     """Raise InputError if a pattern of topics matches no topic of the recording."""
     asked = [*(("topics", each) for each in selection.topics)]
     asked += [("exclude", each) for each in selection.exclude]

@@ -30,7 +30,7 @@ from cubepath.protocol.recordings.cuts import (
     FILTERED,
     SPLIT,
     WHOLE,
-    Selection,
+    MessageSelection,
     check_topics,
     cut_notes,
 )
@@ -68,7 +68,7 @@ def filter_recording(
     'topics reports, until 10'
     """
     recording, out = read_undamaged(source), Path(out)
-    selection = Selection(tuple(topics), tuple(exclude), first, until)
+    selection = MessageSelection(tuple(topics), tuple(exclude), first, until)
     check_topics(recording, selection)
     count = sum(1 for _ in selection.of(recording))
     if not count:

@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
     from cubepath.protocol.recordings.description import Clock
     from cubepath.protocol.recordings.records import Record
-    from cubepath.protocol.recordings.salvaging import Message as Stored
+    from cubepath.protocol.recordings.salvaging import SalvagedMessage as Stored
 
 _BOTH = ("go", "refused", "edges", "cube", "certificate", "summary")
 """Kinds of messages that runs with rounds and runs without have."""
 
 
-class Written(Protocol):
+class MessageSource(Protocol):
     """What messages are read from; a `Recording` is one."""
 
     @property
@@ -105,7 +105,7 @@ def kinds_of(clock: Clock) -> frozenset[str]:
 
 
 def messages_of(
-    recording: Written,
+    recording: MessageSource,
     kinds: str | Iterable[str] | None = None,
     rounds: int | range | None = None,
 ) -> Iterator[LoggedMessage]:
@@ -123,7 +123,7 @@ def messages_of(
 
 
 def _decoded(
-    recording: Written, wanted: frozenset[str] | None, rounds: range | None
+    recording: MessageSource, wanted: frozenset[str] | None, rounds: range | None
 ) -> Iterator[LoggedMessage]:
     read, split = (decode_free, _parts) if recording.clock == "free" else (decode, _parts_of_rounds)
     batches = {kind for kind, held in BATCHES.items() if wanted and not held.isdisjoint(wanted)}
@@ -140,7 +140,7 @@ def _decoded(
 
 
 def _read(
-    recording: Written, topic: str, sequence: int, read: Callable[[bytes], Any], data: bytes
+    recording: MessageSource, topic: str, sequence: int, read: Callable[[bytes], Any], data: bytes
 ) -> Any:
     try:
         return read(data)

@@ -44,7 +44,7 @@ _WINDOW = 1 << 20
 """Bytes read at a time, and kept for whoever reads on from there."""
 
 
-class Stored:
+class StoredBytes:
     """The bytes that a file had when it was opened; InputError if it has fewer later."""
 
     def __init__(self, file: InputFile) -> None:
@@ -149,7 +149,7 @@ def checksum(values: Mapping[str, str]) -> str:
     return sha256(msgspec.json.encode(sorted(values.items()))).hexdigest()
 
 
-def fits(stored: Stored, offset: int) -> bool:
+def fits(stored: StoredBytes, offset: int) -> bool:
     """Return whether a record begins at an offset: of a kind, with lengths that agree."""
     start = offset + HEAD.size
     if start > stored.size:
@@ -179,7 +179,7 @@ def fits(stored: Stored, offset: int) -> bool:
 class _Body:
     """The body of a record, in which numbers tell how many bytes follow them."""
 
-    def __init__(self, stored: Stored, start: int, length: int) -> None:
+    def __init__(self, stored: StoredBytes, start: int, length: int) -> None:
         self._stored, self._start, self._length = stored, start, length
 
     def after(self, place: int, width: int) -> int:
@@ -190,7 +190,7 @@ class _Body:
         return place + width + int.from_bytes(told, "little")
 
 
-def found_after(stored: Stored, offset: int, holds: Callable[[int], bool]) -> int | None:
+def found_after(stored: StoredBytes, offset: int, holds: Callable[[int], bool]) -> int | None:
     """Return where the next record after an offset begins that `holds`; None if there is none.
 
     Chunks, attachments and metadata are looked for; `holds` is asked of each place where one could
@@ -199,7 +199,7 @@ def found_after(stored: Stored, offset: int, holds: Callable[[int], bool]) -> in
     return next((each for each in _places(stored, offset + 1) if holds(each)), None)
 
 
-def _places(stored: Stored, begin: int) -> Iterator[int]:
+def _places(stored: StoredBytes, begin: int) -> Iterator[int]:
     while begin < stored.size:
         # One that begins in this window is seen whole.
         window = stored.read(begin, _WINDOW + _SEEN)
@@ -216,7 +216,7 @@ _CHANNEL_OFFSET = struct.Struct("<HQ")
 _FOOTER_BYTES = 20
 
 
-class Block(NamedTuple):
+class ChunkIndex(NamedTuple):
     """A chunk: where its content stands, and the rounds and kinds of its messages.
 
     The kind of a message is the first part of its topic, "" where the topic is not known yet.
@@ -230,13 +230,13 @@ class Block(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class FileSummary:
     """The summary of a finished file, if its CRC holds: where records begin."""
 
     summary_start: int
     offsets: list[int]
     topics: dict[int, str]
-    blocks: list[Block]
+    blocks: list[ChunkIndex]
     others: list[int]
     """Where attachments and metadata begin, in the order of the file."""
     heads: dict[int, tuple[int, int]]
@@ -265,7 +265,7 @@ def kind_in(topic: str) -> str:
     return topic.partition("/")[0]
 
 
-def end_of(stored: Stored) -> End | None:
+def end_of(stored: StoredBytes) -> FileSummary | None:
     """Return the end of a finished file; None if it is missing or its CRC does not hold."""
     closing = HEAD.size + _FOOTER_BYTES + len(MAGIC)
     footer_at = stored.size - closing
@@ -289,7 +289,7 @@ def end_of(stored: Stored) -> End | None:
         return None
 
 
-def _summary(data: bytes, start: int, footer_at: int) -> End:
+def _summary(data: bytes, start: int, footer_at: int) -> FileSummary:
     others: list[int] = []
     heads: dict[int, tuple[int, int]] = {}
     topics: dict[int, str] = {}
@@ -323,7 +323,7 @@ def _summary(data: bytes, start: int, footer_at: int) -> End:
     heads |= {each.offset - HEAD.size: (Opcode.CHUNK, each.length) for each in blocks}
     covered += sum(_index_length(body) for body in chunks)
     offsets = sorted([block.offset - HEAD.size for block in blocks] + others)
-    return End(start, offsets, topics, blocks, sorted(others), heads, covered, statistics)
+    return FileSummary(start, offsets, topics, blocks, sorted(others), heads, covered, statistics)
 
 
 def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -335,7 +335,7 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
         offset += length
 
 
-def _indexed(chunks: Iterable[bytes], topics: Mapping[int, str]) -> Iterator[Block]:
+def _indexed(chunks: Iterable[bytes], topics: Mapping[int, str]) -> Iterator[ChunkIndex]:
     """Yield the chunks of these indices.
 
     mcap's own reader takes seconds for the channels of a long recording.
@@ -346,7 +346,7 @@ def _indexed(chunks: Iterable[bytes], topics: Mapping[int, str]) -> Iterator[Blo
         first, last, offset, length, size = _CHUNK_INDEX.unpack_from(body)
         used = body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
         kinds = {named.get(channel, "") for channel, _ in _CHANNEL_OFFSET.iter_unpack(used)}
-        yield Block(
+        yield ChunkIndex(
             offset + HEAD.size, length - HEAD.size, first, last, shared(sets, kinds or {""})
         )
 

@@ -34,7 +34,7 @@ from cubepath.protocol.recordings.description import (
     wall_times_in,
 )
 from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
-from cubepath.protocol.recordings.mcap_file import MAGIC, Stored
+from cubepath.protocol.recordings.mcap_file import MAGIC, StoredBytes
 from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
 from cubepath.protocol.recordings.salvaging import (
     Salvage,
@@ -263,7 +263,7 @@ def read_recording(source: Source) -> Recording:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FileContents:
     """What was found in a file, before anyone asks whether that is a recording."""
 
     path: Path
@@ -290,17 +290,17 @@ class Found:
         return next(schedules, None)
 
 
-def read(source: Source) -> Found:
+def read(source: Source) -> FileContents:
     """Read whatever can be read of a file; InputError if it is empty, or cannot be read."""
     with opened(source) as file:
-        stored = Stored(file)
+        stored = StoredBytes(file)
     if not stored.size:
         raise InputError(f"{stored.path}: empty file, expected an MCAP recording")
     whole = outline(stored)
     counts = None if whole is None else counts_of(whole)
     found = salvage(stored) if whole is None or counts is None else whole
     records = StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
-    return Found(stored.path, stored.size, found, records)
+    return FileContents(stored.path, stored.size, found, records)
 
 
 def recording_of(recording: Recording | Source) -> Recording:

@@ -23,7 +23,7 @@ from cubepath.protocol.recordings.description import (
     without_format,
 )
 from cubepath.protocol.recordings.mcap_file import checksum
-from cubepath.protocol.recordings.recording import Found, Recording, read
+from cubepath.protocol.recordings.recording import FileContents, Recording, read
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
@@ -97,7 +97,7 @@ def remains_of(source: Source) -> Remains:
     )
 
 
-def _described(found: Found, problems: list[str]) -> tuple[str, dict[str, str]]:
+def _described(found: FileContents, problems: list[str]) -> tuple[str, dict[str, str]]:
     """Return the format and the parameters, as far as both are left."""
     try:
         return parameters_in(found.path, found.salvage, problems)
@@ -114,7 +114,7 @@ def _described(found: Found, problems: list[str]) -> tuple[str, dict[str, str]]:
     return written_as, {}
 
 
-def _format_of(found: Found) -> str | None:
+def _format_of(found: FileContents) -> str | None:
     """Return the format that the messages are in; None if they are not those of a run."""
     kinds = {record.kind for record in found.records}
     of_rounds = {*KINDS}.difference(*BATCHES.values())

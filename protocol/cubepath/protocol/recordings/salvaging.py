@@ -30,10 +30,10 @@ from cubepath.protocol.recordings.mcap_file import (
     CRC,
     HEAD,
     MAGIC,
-    Block,
-    End,
+    ChunkIndex,
+    FileSummary,
     Sets,
-    Stored,
+    StoredBytes,
     checksum,
     end_of,
     expect_crc,
@@ -48,7 +48,7 @@ _CHUNK_BYTES_MAX = 1 << 30
 _MESSAGE = struct.Struct("<HIQQ")
 
 
-class Message(NamedTuple):
+class SalvagedMessage(NamedTuple):
     """A message as it stands in a file."""
 
     channel: int
@@ -69,14 +69,14 @@ class Salvage:
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
-    blocks: list[Block] = field(default_factory=list)
-    loose: list[Message] = field(default_factory=list)
+    blocks: list[ChunkIndex] = field(default_factory=list)
+    loose: list[SalvagedMessage] = field(default_factory=list)
     messages: int = 0
     gap: str | None = None
     problems: list[str] = field(default_factory=list)
 
 
-def salvage(stored: Stored) -> Salvage:
+def salvage(stored: StoredBytes) -> Salvage:
     """Return what can be read of an MCAP file; whatever its bytes are, nothing is raised.
 
     InputError if the file cannot be read, or is cut meanwhile.
@@ -86,7 +86,7 @@ def salvage(stored: Stored) -> Salvage:
     return scan.found
 
 
-def outline(stored: Stored) -> Salvage | None:
+def outline(stored: StoredBytes) -> Salvage | None:
     """Return what a finished file says of itself, if all its CRCs hold; else None.
 
     The CRC of the data section covers every byte before it, so no chunk has to be unpacked. What
@@ -101,7 +101,7 @@ def outline(stored: Stored) -> Salvage | None:
         return None
 
 
-def _outlined(stored: Stored, end: End, statistics: Statistics) -> Salvage | None:
+def _outlined(stored: StoredBytes, end: FileSummary, statistics: Statistics) -> Salvage | None:
     data_end = end.summary_start - HEAD.size - CRC.size
     told = stored.read(data_end, HEAD.size + CRC.size)
     crc = CRC.unpack(told[HEAD.size :])[0]
@@ -126,7 +126,7 @@ def _outlined(stored: Stored, end: End, statistics: Statistics) -> Salvage | Non
     return found
 
 
-def messages_in(stored: Stored, block: Block) -> list[Message]:
+def messages_in(stored: StoredBytes, block: ChunkIndex) -> list[SalvagedMessage]:
     """Return the messages of a block, once more with its CRC; InputError if it does not hold."""
     try:
         body = stored.read(block.offset, block.length)
@@ -144,13 +144,13 @@ def messages_in(stored: Stored, block: Block) -> list[Message]:
 class _Scan:
     """One pass over the bytes."""
 
-    def __init__(self, stored: Stored) -> None:
+    def __init__(self, stored: StoredBytes) -> None:
         self.found = Salvage()
         self._stored = stored
         self._end = end_of(stored)
         self._chunks = 0
         self._span = ""
-        self._loose: list[Channel | Message] = []
+        self._loose: list[Channel | SalvagedMessage] = []
         self._ended = False
         self._sets: Sets = {}
 
@@ -285,13 +285,13 @@ class _Scan:
             rounds = [message.round for message in messages]
             topics = {self.found.topics.get(message.channel, "") for message in messages}
             kinds = shared(self._sets, map(kind_in, topics))
-            self.found.blocks.append(Block(offset, length, min(rounds), max(rounds), kinds))
+            self.found.blocks.append(ChunkIndex(offset, length, min(rounds), max(rounds), kinds))
 
     def _name(self, channels: Iterable[Channel]) -> None:
         for channel in channels:
             self.found.topics[channel.id] = channel.topic
 
-    def _count(self, messages: Iterable[Message]) -> None:
+    def _count(self, messages: Iterable[SalvagedMessage]) -> None:
         found = self.found
         for expected, message in enumerate(messages, found.messages):
             found.messages += 1
@@ -306,7 +306,7 @@ class _Scan:
             found.problems.append("corrupt: the CRC of the data section does not hold")
         if holds and crc:
             self._name(each for each in self._loose if isinstance(each, Channel))
-            found.loose = [each for each in self._loose if isinstance(each, Message)]
+            found.loose = [each for each in self._loose if isinstance(each, SalvagedMessage)]
             self._count(found.loose)
         elif self._loose:
             found.problems.append(
@@ -351,7 +351,7 @@ _TAKEN = {
 """The kinds of records that are read; others, such as indices of messages, are passed over."""
 
 
-def _unpacked(chunk: Chunk) -> tuple[list[Channel], list[Message]]:
+def _unpacked(chunk: Chunk) -> tuple[list[Channel], list[SalvagedMessage]]:
     """Return the channels and messages of a chunk; raises any error if its CRC does not hold."""
     if chunk.uncompressed_size > _CHUNK_BYTES_MAX:
         raise ValueError(f"it claims to hold {chunk.uncompressed_size} bytes")
@@ -360,7 +360,7 @@ def _unpacked(chunk: Chunk) -> tuple[list[Channel], list[Message]]:
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     data = stream.read(size)
     channels: list[Channel] = []
-    messages: list[Message] = []
+    messages: list[SalvagedMessage] = []
     offset = 0
     while offset < size:
         opcode, length = HEAD.unpack_from(data, offset)
@@ -375,9 +375,9 @@ def _unpacked(chunk: Chunk) -> tuple[list[Channel], list[Message]]:
     return channels, messages
 
 
-def _message(body: bytes) -> Message:
+def _message(body: bytes) -> SalvagedMessage:
     channel, sequence, number, wall_ns = _MESSAGE.unpack_from(body)
-    return Message(channel, sequence, number, wall_ns, body[_MESSAGE.size :])
+    return SalvagedMessage(channel, sequence, number, wall_ns, body[_MESSAGE.size :])
 
 
 def _attachment(body: bytes) -> Attachment:

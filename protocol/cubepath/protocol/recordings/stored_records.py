@@ -13,9 +13,9 @@ from typing import overload
 
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.logged import round_in
-from cubepath.protocol.recordings.mcap_file import Block, Stored
+from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes
 from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
-from cubepath.protocol.recordings.salvaging import Message, Salvage, messages_in
+from cubepath.protocol.recordings.salvaging import Salvage, SalvagedMessage, messages_in
 from cubepath.protocol.wire.on_record import topic_said
 
 
@@ -23,7 +23,7 @@ class StoredRecords(Sequence[Record]):
     """The messages of a file, read a chunk at a time whenever they are asked for."""
 
     def __init__(
-        self, stored: Stored, found: Salvage, counts: Counts | None, *, by_wall: bool
+        self, stored: StoredBytes, found: Salvage, counts: Counts | None, *, by_wall: bool
     ) -> None:
         self.counts = counts
         self._stored = stored
@@ -65,11 +65,11 @@ class StoredRecords(Sequence[Record]):
     __hash__ = None  # type: ignore[assignment]  # as a list
 
     @cached_property
-    def _blocks(self) -> list[Block]:
+    def _blocks(self) -> list[ChunkIndex]:
         """The chunks with their rounds, for which all are read if log times are the wall clock."""
         if not self._by_wall:
             return self._chunks
-        found: list[Block] = []
+        found: list[ChunkIndex] = []
         for block in self._chunks:
             rounds = [round_in(message) for message in messages_in(self._stored, block)]
             found.append(block._replace(first_round=min(rounds), last_round=max(rounds)))
@@ -100,7 +100,7 @@ class StoredRecords(Sequence[Record]):
     def chunks(self) -> list[RecordChunk]:
         """Return the chunks of the file in order, those outside of chunks last."""
 
-        def reader(block: Block) -> Callable[[], Sequence[Record]]:
+        def reader(block: ChunkIndex) -> Callable[[], Sequence[Record]]:
             return lambda: tuple(self._records(messages_in(self._stored, block)))
 
         found = [RecordChunk(*block[2:], reader(block)) for block in self._blocks]
@@ -120,12 +120,12 @@ class StoredRecords(Sequence[Record]):
             yield from self._records(messages_in(self._stored, block))
         yield from self._named(self._loose)
 
-    def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
+    def _records(self, messages: Iterable[SalvagedMessage]) -> Iterator[Record]:
         if self._by_wall:
             messages = (each._replace(round=round_in(each)) for each in messages)
         return self._named(messages)
 
-    def _named(self, messages: Iterable[Message]) -> Iterator[Record]:
+    def _named(self, messages: Iterable[SalvagedMessage]) -> Iterator[Record]:
         topics = self._topics
         # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:

@@ -16,7 +16,7 @@ from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.logged import LoggedMessage, Written, messages_of
+from cubepath.protocol.recordings.logged import LoggedMessage, MessageSource, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 
@@ -35,7 +35,7 @@ _TABLES = ("moves", "claims", "messages")
 class _Sites:
     """Sites from JSON, equal ones as one object."""
 
-    def __init__(self, recording: Written) -> None:
+    def __init__(self, recording: MessageSource) -> None:
         self._path = recording.path
         self._known: dict[bytes, Site] = {}
 
@@ -85,7 +85,7 @@ def _column(name: str, values: tuple[Any, ...]) -> NDArray[Any]:
     return found
 
 
-def moves_of(recording: Written) -> Columns:
+def moves_of(recording: MessageSource) -> Columns:
     """Return the moves of a run; `Recording.moves` documents it."""
     sites = _Sites(recording)
     rows = _Rows("round", "module", "generator", "at", "from", "to", "wall_ns")
@@ -106,7 +106,7 @@ def moves_of(recording: Written) -> Columns:
     return rows.columns()
 
 
-def _commits(recording: Written) -> Iterator[tuple[LoggedMessage, Moved]]:
+def _commits(recording: MessageSource) -> Iterator[tuple[LoggedMessage, Moved]]:
     """Yield the commits of a run without rounds; some stand in several messages."""
     for logged in messages_of(recording, ("moved", "tail")):
         message: Moved | Tail = logged.message
@@ -114,12 +114,12 @@ def _commits(recording: Written) -> Iterator[tuple[LoggedMessage, Moved]]:
             yield logged, moved
 
 
-def claims_of(recording: Written) -> Columns:
+def claims_of(recording: MessageSource) -> Columns:
     """Return the claims of a run, or its attempts; `Recording.claims` documents it."""
     return _attempts(recording) if recording.clock == "free" else _claims(recording)
 
 
-def _claims(recording: Written) -> Columns:
+def _claims(recording: MessageSource) -> Columns:
     sites = _Sites(recording)
     rows = _Rows("round", "module", "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int], str] = {}
@@ -136,7 +136,7 @@ def _claims(recording: Written) -> Columns:
     return _with_outcomes(rows.columns(), outcomes, ("round", "module"))
 
 
-def _attempts(recording: Written) -> Columns:
+def _attempts(recording: MessageSource) -> Columns:
     sites = _Sites(recording)
     by = "module", "epoch", "number"
     rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
@@ -172,7 +172,7 @@ def _with_outcomes(columns: Columns, outcomes: Mapping[Any, str], by: tuple[str,
     return columns | {"wall_ns": wall_ns}
 
 
-def _messages(recording: Written) -> Columns:
+def _messages(recording: MessageSource) -> Columns:
     topics: dict[str, tuple[str, str]] = {}
     rows = []
     for record in recording.written():
@@ -186,7 +186,7 @@ def _messages(recording: Written) -> Columns:
     return {name: _column(name, column) for name, column in zip(names, values, strict=True)}
 
 
-def frame_of(recording: Written, table: str) -> pd.DataFrame:
+def frame_of(recording: MessageSource, table: str) -> pd.DataFrame:
     """Return a table as a data frame; `Recording.frame` documents it."""
     if table not in _TABLES:
         near = did_you_mean(table, _TABLES)

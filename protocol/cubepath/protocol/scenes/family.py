@@ -34,6 +34,7 @@ class Family:
     Families are found by the entry points of the group ``cubepath.systems``, both the project's own
     and those of other distributions. An entry names a `Family`, or a tuple of several.
 
+    >>> from cubepath.protocol.scenes.registry import all_families
     >>> hexagons = all_families()["hex"]
     >>> hexagons.rule, hexagons.system.__name__, hexagons.keys["n"][0]
     ('chain', 'LatticeSystem', '12')

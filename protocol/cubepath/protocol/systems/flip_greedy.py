@@ -29,7 +29,7 @@ _NOTHING = 1e-9
 """Costs below this are rounding errors of 0."""
 
 
-class Room(NamedTuple):
+class FlipWorkspace(NamedTuple):
     """Room to work in, an entry for each edge; nothing but `random` lasts between two calls."""
 
     cost: Floats
@@ -55,7 +55,7 @@ class Flips(NamedTuple):
     round: Numbers
 
 
-class Task(NamedTuple):
+class FlipTask(NamedTuple):
     """Some edges of a mesh that are to flip until they are in the goal, whose edges have weights.
 
     All other edges of the mesh are in the goal, or in the way of none.
@@ -67,7 +67,7 @@ class Task(NamedTuple):
     edges: Numbers
 
 
-class Style(NamedTuple):
+class GreedyStyle(NamedTuple):
     """What makes one try differ from another."""
 
     power: float
@@ -79,9 +79,9 @@ class Style(NamedTuple):
 
 
 @inner
-def room_for(edges: int, random: Numbers) -> Room:
+def room_for(edges: int, random: Numbers) -> FlipWorkspace:
     """Return room to work in."""
-    return Room(
+    return FlipWorkspace(
         np.empty(edges),
         np.empty(edges),
         np.zeros(edges, dtype=np.int64),
@@ -100,14 +100,14 @@ def draw(state: Numbers) -> float:
 
 
 @inner
-def _cost_of(task: Task, one: int, other: int, power: float, nothing: Numbers) -> float:
+def _cost_of(task: FlipTask, one: int, other: int, power: float, nothing: Numbers) -> float:
     """Return the weight of the goal's edges that the edge between two points crosses."""
     total, _ = crossed(task.goal, task.weights, one, other, nothing)
     return float(total if power == 1.0 else total**power)
 
 
 @inner
-def _begin(task: Task, power: float, room: Room, left: Numbers) -> int:
+def _begin(task: FlipTask, power: float, room: FlipWorkspace, left: Numbers) -> int:
     """Write the edges that are not in the goal into `left`, and their costs; return how many."""
     size = 0
     for edge in task.edges:
@@ -121,7 +121,7 @@ def _begin(task: Task, power: float, room: Room, left: Numbers) -> int:
 
 
 @inner
-def _options(task: Task, left: Numbers, style: Style, room: Room) -> int:
+def _options(task: FlipTask, left: Numbers, style: GreedyStyle, room: FlipWorkspace) -> int:
     """Note the edges whose flips lower the cost, and in which order; return how many."""
     mesh, gain, able = task.mesh, room.gain, 0
     for edge in left:
@@ -140,7 +140,7 @@ def _options(task: Task, left: Numbers, style: Style, room: Room) -> int:
 
 
 @inner
-def _choose(mesh: Mesh, able: int, room: Room, chosen: Numbers) -> int:
+def _choose(mesh: Mesh, able: int, room: FlipWorkspace, chosen: Numbers) -> int:
     """Choose flips that share no triangle, in their order; return how many."""
     taken, size = room.taken, 0
     for place in np.argsort(room.wishes[:able]):
@@ -157,7 +157,9 @@ def _choose(mesh: Mesh, able: int, room: Room, chosen: Numbers) -> int:
 
 
 @inner
-def run(task: Task, limit: int, style: Style, room: Room, flips: Flips) -> tuple[int, int]:
+def run(
+    task: FlipTask, limit: int, style: GreedyStyle, room: FlipWorkspace, flips: Flips
+) -> tuple[int, int]:
     """Flip the edges of a task until they are in the goal; return the rounds and the flips.
 
     The flips are noted. The rounds are `STUCK` if there are more than `limit`, if no flip helps, or
@@ -201,7 +203,7 @@ def undo(mesh: Mesh, flips: Flips, count: int) -> None:
 
 
 @inner
-def _weigh(task: Task, flips: Flips, count: int, room: Room) -> None:
+def _weigh(task: FlipTask, flips: Flips, count: int, room: FlipWorkspace) -> None:
     """Increase the weights of the goal's edges that were crossed until the last round.
 
     The mesh is at the end of the flips, and is again when this returns.
@@ -221,7 +223,9 @@ def _weigh(task: Task, flips: Flips, count: int, room: Room) -> None:
 
 
 @inner
-def run_often(task: Task, limit: int, style: Style, room: Room, flips: Flips) -> tuple[int, int]:
+def run_often(
+    task: FlipTask, limit: int, style: GreedyStyle, room: FlipWorkspace, flips: Flips
+) -> tuple[int, int]:
     """Try several times; return the rounds and flips of the first try that keeps to the limit.
 
     The mesh is as before, and the flips are noted; the rounds are `STUCK` if no try does.

@@ -155,7 +155,7 @@ def refuted(flips: Rows, may_on: Marks, may_off: Marks) -> bool:
     return False
 
 
-class Ends(NamedTuple):
+class TriangulationPair(NamedTuple):
     """Two triangulations, and what a refutation asks about them."""
 
     start: frozenset[Edge]
@@ -167,7 +167,7 @@ class Ends(NamedTuple):
     it is there."""
 
 
-def proved(ends: Ends, least: int) -> Iterator[int]:
+def proved(ends: TriangulationPair, least: int) -> Iterator[int]:
     """Yield ever greater numbers of rounds that every path needs, from `least` up.
 
     The same number may come again, so that whoever asks can stop now and then. It ends when a
@@ -192,7 +192,9 @@ class _Listed(NamedTuple):
     flips: list[tuple[Edge, ...]]
 
 
-def _listing(ends: Ends, rounds: int, away: dict[Edge, int]) -> Iterator[_Listed | None]:
+def _listing(
+    ends: TriangulationPair, rounds: int, away: dict[Edge, int]
+) -> Iterator[_Listed | None]:
     """Yield None now and then, and at the end the edges and flips, or None if they are too many.
 
     The edges of each moment are those that flips among earlier ones bring, unless they are too far
@@ -221,7 +223,7 @@ def _listing(ends: Ends, rounds: int, away: dict[Edge, int]) -> Iterator[_Listed
     yield found
 
 
-def _refuted(ends: Ends, rounds: int, away: dict[Edge, int], listed: _Listed) -> bool:
+def _refuted(ends: TriangulationPair, rounds: int, away: dict[Edge, int], listed: _Listed) -> bool:
     first, flips = listed
     if not ends.goal <= first.keys():
         return True

@@ -25,8 +25,8 @@ from cubepath.protocol.compiled import compiled, inner
 from cubepath.protocol.systems.flip_greedy import (
     STUCK,
     Flips,
-    Style,
-    Task,
+    FlipTask,
+    GreedyStyle,
     draw,
     room_for,
     run,
@@ -98,7 +98,7 @@ def _root(parent: Numbers, edge: int) -> int:
     return edge
 
 
-class Window(NamedTuple):
+class RoundWindow(NamedTuple):
     """Some rounds of a path, from `first` to `last`, whose parts may take at most `limit`."""
 
     first: int
@@ -115,7 +115,7 @@ class _Parts(NamedTuple):
 
 
 @inner
-def _between(path: Flips, window: Window) -> tuple[int, int]:
+def _between(path: Flips, window: RoundWindow) -> tuple[int, int]:
     """Return the places of a path where a window begins and ends."""
     low = np.searchsorted(path.round, window.first, side="left")
     return int(low), int(np.searchsorted(path.round, window.last, side="right"))
@@ -173,7 +173,7 @@ def _match(one: Mesh, other: Mesh, edges: Numbers, into: Numbers) -> bool:
 
 
 @inner
-def _renamed(task: Task, back: int, flips: Flips, count: int, into: Numbers) -> Numbers:
+def _renamed(task: FlipTask, back: int, flips: Flips, count: int, into: Numbers) -> Numbers:
     """Return the flips that solve a part, from its beginning on, as edges of the beginning.
 
     `back` is 1 if the task begins at the end, else 0. `into` becomes what the edges of the old end
@@ -191,7 +191,7 @@ def _renamed(task: Task, back: int, flips: Flips, count: int, into: Numbers) -> 
 
 @compiled
 def retry(
-    base: Mesh, path: Flips, window: Window, style: Style, random: Numbers
+    base: Mesh, path: Flips, window: RoundWindow, style: GreedyStyle, random: Numbers
 ) -> tuple[Numbers, int, int]:
     """Solve the parts of a window again that reach its last round.
 
@@ -223,7 +223,7 @@ def retry(
         late += 1
         own = parts.edges[parts.begins[part] : parts.begins[part + 1]]
         back = int(draw(random) < _BACK)
-        task = Task(end if back else start, start if back else end, weights, own)
+        task = FlipTask(end if back else start, start if back else end, weights, own)
         rounds, many = run_often(task, window.limit, style, room, flips)
         weights[own] = 1.0
         if rounds == STUCK or fresh + many > most:
@@ -243,7 +243,7 @@ def retry(
 
 @compiled
 def greedy(
-    base: Mesh, goal: Mesh, limit: int, style: Style, random: Numbers
+    base: Mesh, goal: Mesh, limit: int, style: GreedyStyle, random: Numbers
 ) -> tuple[Numbers, int]:
     """Flip a mesh until it is the goal; return the edges that flipped, and the rounds.
 
@@ -253,7 +253,7 @@ def greedy(
     most = _ROOM * edges
     while True:
         flips = Flips(np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64))
-        task = Task(_copy(base), goal, np.ones(edges), np.arange(edges))
+        task = FlipTask(_copy(base), goal, np.ones(edges), np.arange(edges))
         begun = random.copy()
         rounds, count = run(task, limit, style, room_for(edges, random), flips)
         if count < most:
@@ -375,7 +375,7 @@ class FlipSearch:
         number, turned = self._begun, self._begun % 2 == 1
         self._begun += 1
         one, other = (self._goal, self._first) if turned else (self._first, self._goal)
-        style = Style(1.0, 0.0 if number < 2 else 0.3, 1)
+        style = GreedyStyle(1.0, 0.0 if number < 2 else 0.3, 1)
         edges, rounds = greedy(one, other, _ROUNDS_MAX, style, self._state)
         if rounds != STUCK:
             self._propose(one, edges, turned=turned)
@@ -397,9 +397,9 @@ class FlipSearch:
         rounds = self.rounds
         width = min(rounds, 2 + int(random.paretovariate(_TAIL)))
         last = rounds if random.random() < _AT_THE_END else random.randint(width, rounds)
-        style = Style(random.choice(_POWERS), random.choice(_NOISES), random.choice(_TRIES))
+        style = GreedyStyle(random.choice(_POWERS), random.choice(_NOISES), random.choice(_TRIES))
         limit = width - 1 if random.random() < _SHORTER else width
-        window = Window(last - width + 1, last, limit)
+        window = RoundWindow(last - width + 1, last, limit)
         edges, _, solved = retry(self._base, path, window, style, self._state)
         self._vain += 1
         if not solved:
@@ -449,4 +449,4 @@ def prepare() -> None:
     search.step()
     search.corners()
     path = Flips(np.zeros(1, dtype=np.int64), np.ones(1, dtype=np.int64))
-    retry(start, path, Window(1, 1, 0), Style(1.0, 0.0, 0), np.ones(1, dtype=np.int64))
+    retry(start, path, RoundWindow(1, 1, 0), GreedyStyle(1.0, 0.0, 0), np.ones(1, dtype=np.int64))

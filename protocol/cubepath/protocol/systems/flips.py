@@ -17,7 +17,7 @@ from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.systems.flip_mesh import Mesh, crossings
-from cubepath.protocol.systems.flip_refuting import Ends, proved
+from cubepath.protocol.systems.flip_refuting import TriangulationPair, proved
 from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
@@ -86,7 +86,7 @@ class FlipSystem(System):
         other = Bound(flip_bound(self, start, goal), "flips at one time")
         yield one
         yield other
-        ends = Ends(
+        ends = TriangulationPair(
             frozenset(edges_of(start | self.kept)),
             frozenset(edges_of(goal | self.kept)),
             self.discovery,

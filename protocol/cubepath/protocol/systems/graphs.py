@@ -33,7 +33,7 @@ class Graph:
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class PlannerInstance:
     """A planner's instance and, where given, its moves: each from one vertex to another.
 
     `rounds` says how many of the moves each of the planner's rounds has, in order, None if the file
@@ -215,7 +215,7 @@ def _planner_rounds(path: Path, found: _ScenarioFile) -> int | None:
     return rounds
 
 
-def scenario_from_json(source: Source) -> Scenario:
+def scenario_from_json(source: Source) -> PlannerInstance:
     """Read a scenario file; a missing `grid` is the bounding box of all named cells, one larger.
 
     Raises InputError if starts or goals lie outside the free cells, or two vehicles share one.
@@ -254,7 +254,7 @@ def scenario_from_json(source: Source) -> Scenario:
                 raise InputError(f"{path}: {what} {number} at {list(cell)} is taken twice")
             seen.add(cell)
     planner_rounds = _planner_rounds(path, found)
-    return Scenario(
+    return PlannerInstance(
         graph=graph,
         starts=tuple(found.starts),
         goals=tuple(found.goals),

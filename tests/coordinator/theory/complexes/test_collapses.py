@@ -8,7 +8,11 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes import collapses as collapse_module
-from cubepath.coordinator.theory.complexes.collapses import Collapsed, collapse, contractibility
+from cubepath.coordinator.theory.complexes.collapses import (
+    CollapseResult,
+    collapse,
+    contractibility,
+)
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -34,7 +38,7 @@ from spaces import (
 )
 
 
-def check(space: CubicalComplex, found: Collapsed) -> None:
+def check(space: CubicalComplex, found: CollapseResult) -> None:
     """Replay the collapses on sets: each face is free in its turn, and in the end none is."""
     present = {(k, i) for k, count in enumerate(space.f_vector) for i in range(count)}
 

@@ -14,7 +14,7 @@ import complexes
 from cubepath.coordinator.theory.complexes import exploration, state_masks
 from cubepath.coordinator.theory.complexes.collapses import collapse
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.exploration import Explored, explore
+from cubepath.coordinator.theory.complexes.exploration import Exploration, explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.coordinator.theory.complexes.links import check_links
 from cubepath.coordinator.theory.complexes.state_complexes import (
@@ -181,7 +181,7 @@ def test_any_listed_system_is_explored_as_it_is_defined(scene: Scene) -> None:
     assert check_links(built.complex).npc
 
 
-def check_order(explored: Explored) -> None:
+def check_order(explored: Exploration) -> None:
     """Compare numbers and edges with a plain breadth-first search by the numbers of the actions."""
     known, legal = explored.bits.actions, explored.scene.system.legal
     states = [explored.state(number) for number in range(len(explored.states))]

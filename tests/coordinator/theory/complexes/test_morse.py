@@ -12,8 +12,8 @@ from hypothesis import given, settings
 
 from cubepath.coordinator.theory.complexes.cubical_complex import (
     Boundary,
+    CellRows,
     CubicalComplex,
-    Rows,
     boundary_of,
     cofaces,
 )
@@ -82,7 +82,7 @@ def check(space: CubicalComplex) -> None:
     boundary = boundary_of(space)
     known = chains(boundary)
     assert known == by_definition(space)
-    matching = matched(boundary, cofaces(Rows(boundary.start, boundary.face)))
+    matching = matched(boundary, cofaces(CellRows(boundary.start, boundary.face)))
     gone: set[int] = set()
     for face, cell, unit in zip(*(array.tolist() for array in matching), strict=True):
         assert not gone & {face, cell}

@@ -13,9 +13,9 @@ import pytest
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.following.encoding import (
     AT,
-    Clauses,
     Schedule,
-    Task,
+    VehicleClauses,
+    VehicleTask,
     _at_most_one,
     clauses_of,
 )
@@ -31,7 +31,7 @@ pysat = pytest.importorskip("pysat.solvers")
 AGV = ROOT / "tests" / "data" / "agv"
 
 
-def solved(clauses: Clauses) -> Schedule | None:
+def solved(clauses: VehicleClauses) -> Schedule | None:
     """Ask a solver in this process."""
     with pysat.Solver(name="cadical195", bootstrap_with=list(clauses.each())) as solver:
         if not solver.solve():
@@ -72,7 +72,7 @@ def test_the_clauses_agree_with_exhaustive_search(first: int) -> None:
 @pytest.mark.parametrize("count", range(1, 10))
 def test_at_most_one_holds_by_pairs_or_by_a_ladder(count: int) -> None:
     """Of any number of variables each may hold alone, and no two together."""
-    clauses = Clauses(draw_task(0), 0)
+    clauses = VehicleClauses(draw_task(0), 0)
     names = [clauses.new(AT, who, 0, 0) for who in range(count)]
     _at_most_one(clauses, dict(enumerate(names)), clauses.task.starts[0], 0)
     with pysat.Solver(name="cadical195", bootstrap_with=list(clauses.each())) as solver:
@@ -103,7 +103,7 @@ def test_random_plans_are_never_below_the_optimum() -> None:
         found = fewest_rounds(plan, "mapf", within=within, seconds=60)
         assert found.ended == "done"
         assert found.lower_bound <= found.rounds <= within
-        task = Task(plan.starts, plan.ends, plan.edges(), "mapf")
+        task = VehicleTask(plan.starts, plan.ends, plan.edges(), "mapf")
         if found.rounds:
             assert solved(clauses_of(task, found.rounds - 1)) is None
         if found.timetable is not None:

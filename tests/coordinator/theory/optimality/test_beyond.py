@@ -15,9 +15,9 @@ from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.coordinator.theory.optimality import stages
 from cubepath.coordinator.theory.optimality.beyond import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
-from cubepath.coordinator.theory.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.transitions import Transitions
-from cubepath.coordinator.theory.search.windows import Windows
+from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.supports import TabledActions
 
@@ -41,7 +41,7 @@ def made(found: Shortened) -> int:
     return found.path.actions.made
 
 
-def told(stage: Stage) -> tuple[str, int, str]:
+def told(stage: SearchStage) -> tuple[str, int, str]:
     """Return what a stage did, but for how long it took."""
     return stage.name, stage.steps, stage.ended
 
@@ -124,7 +124,7 @@ def test_a_budget_ends_the_choice_of_a_window(tmp_path: Path) -> None:
     found = rows_of_moves(tmp_path, 2, 40)
     steps = Transitions(None, found.path)
     cubes = found.cube_path
-    windows = Windows(steps, task_of(found).start, cubes)
+    windows = WindowSearch(steps, task_of(found).start, cubes)
     window = [steps.number(action) for cube in cubes for action in cube]
     steps.budget = Budget(steps=4)
 

@@ -10,7 +10,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.paper import claims
 from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
 from cubepath.coordinator.theory.paper.examples import SYSTEMS
-from cubepath.coordinator.theory.paper.registry import Claim, Outcome
+from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim
 from local_families import LOCAL_FAMILIES
 
 
@@ -62,9 +62,9 @@ def test_the_command_gives_rows(
 ) -> None:
     """One JSON document of rows; exit code 0 also where the paper falls short, if that is known."""
     known = (
-        Claim("1", "one", lambda: ("so", True)),
-        Claim("2", "two", lambda: ("not so", False), expected=False),
-        Claim("3", "three", lambda: ("who knows", None), expected=None),
+        PaperClaim("1", "one", lambda: ("so", True)),
+        PaperClaim("2", "two", lambda: ("not so", False), expected=False),
+        PaperClaim("3", "three", lambda: ("who knows", None), expected=None),
     )
     monkeypatch.setattr(claims, "all_claims", lambda: known)
     assert main(["paper", "--json"]) == 0
@@ -87,7 +87,7 @@ def test_an_interrupt_keeps_what_was_computed(
     def interrupted() -> Outcome:
         raise KeyboardInterrupt
 
-    known = (Claim("1", "one", lambda: ("so", True)), Claim("2", "two", interrupted))
+    known = (PaperClaim("1", "one", lambda: ("so", True)), PaperClaim("2", "two", interrupted))
     monkeypatch.setattr(claims, "all_claims", lambda: known)
     assert main(["paper", "--json"]) == 130
     seen = capsys.readouterr()
@@ -103,7 +103,7 @@ def test_what_comes_out_otherwise_is_a_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Exit code 1, and one line that names the claim."""
-    wrong = Claim("4, arm", "text", lambda: ("surprise", found), expected)
+    wrong = PaperClaim("4, arm", "text", lambda: ("surprise", found), expected)
     monkeypatch.setattr(claims, "all_claims", lambda: (wrong,))
     assert main(["paper"]) == 1
     assert "4, arm: not what is known to come out: surprise" in capsys.readouterr().err

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from cubepath.coordinator.theory.following.encoding import (
-    Clauses as Encoded,
-    Task,
+    VehicleClauses as Encoded,
+    VehicleTask,
     cell_of,
     clauses_of,
 )
@@ -46,7 +46,7 @@ def signed(found: Encoded) -> list[list[int]]:
     return list(found.each())
 
 
-def proof_of(task: Task, refuted: int, way: Way) -> FollowingProof:
+def proof_of(task: VehicleTask, refuted: int, way: Way) -> FollowingProof:
     """Return the proof of a claim, with a log where one is found; it need not hold."""
     encoded = clauses_of(task, refuted)
     log = log_of(len(encoded.variables), signed(encoded)) if task.least <= refuted else None
@@ -71,7 +71,7 @@ def proof_of(task: Task, refuted: int, way: Way) -> FollowingProof:
 
 
 @cache
-def crossing(rule: Rule = "cgshop") -> tuple[Task, Way]:
+def crossing(rule: Rule = "cgshop") -> tuple[VehicleTask, Way]:
     """Return four vehicles that cross where two roads do, and a shortest timetable."""
     free = [(x, 0) for x in range(-2, 4)] + [(0, y) for y in range(-2, 4) if y]
     starts = ((-1, 0), (-2, 0), (0, -1), (0, -2))
@@ -123,7 +123,7 @@ def test_what_exhaustive_search_finds_is_proved_and_no_more(first: int) -> None:
     assert by_log > 0
 
 
-def same(task: Task, rounds: int) -> int:
+def same(task: VehicleTask, rounds: int) -> int:
     """Compare the clauses, literal by literal, with those that solvers are asked."""
     encoded = clauses_of(task, rounds)
     proof = proof_of(task, rounds, [task.starts])
@@ -180,7 +180,7 @@ def test_every_legal_timetable_satisfies_the_clauses(rule: Rule) -> None:
     assert checked > 10_000
 
 
-def holds(kind: int, one: int, other: int, time: int, way: Way, task: Task) -> bool:  # noqa: PLR0917
+def holds(kind: int, one: int, other: int, time: int, way: Way, task: VehicleTask) -> bool:  # noqa: PLR0917
     """Return whether a variable is true of where the vehicles are after each round."""
     cells = [cell_of(site) for site in task.places]
     if kind == AT:

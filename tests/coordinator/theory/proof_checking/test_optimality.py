@@ -20,8 +20,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.proof_checking.optimality import (
-    ProvedOptimal,
-    Refutation,
+    ClaimedRefutation,
+    ProofResult,
     check_optimality,
 )
 from cubepath.coordinator.theory.proof_checking.refutation_moves import Moves
@@ -120,7 +120,7 @@ def file_of(told: OptimalityProof) -> bytes:
         return Path(folder, "a.proof").read_bytes()
 
 
-def accepted(told: OptimalityProof) -> ProvedOptimal:
+def accepted(told: OptimalityProof) -> ProofResult:
     """Return what both checkers find that a proof proves; CheckError or an error of the other."""
     found, second = check_optimality(told), check(file_of(told))
     assert second == (found.refuted, found.cubes, found.proved, found.variables, found.clauses)
@@ -135,7 +135,7 @@ def test_a_proof_holds(spec: str) -> None:
     assert found.cubes == found.refuted + 1 == len(proof(spec).schedule)
 
 
-def clauses_of(found: Refutation) -> Counter[frozenset[int]]:
+def clauses_of(found: ClaimedRefutation) -> Counter[frozenset[int]]:
     literals, ends = found.clauses
     signed = np.where(literals & 1, -(literals >> 1), literals >> 1).tolist()
     begins = [0, *ends.tolist()]
@@ -172,7 +172,7 @@ def held() -> OptimalityProof:
 def test_clauses_are_those_of_the_definitions(spec: str, more: int) -> None:
     """The clauses are, one by one, those that the obvious way finds, refuted or not."""
     scene, told = scene_from_spec(spec), proof(spec)
-    action = Refutation(told).action
+    action = ClaimedRefutation(told).action
     cubes = [[action(number) for number in cube] for cube in told.schedule]
     same_clauses(*claim_of(scene, cubes, frozenset(told.goal), refuted=told.refuted + more))
 
@@ -184,7 +184,7 @@ def test_clauses_of_moves_that_hold_a_site() -> None:
 
 def same_clauses(told: OptimalityProof, ours: Obvious) -> None:
     expected = Counter(map(frozenset, ours.clauses))
-    assert clauses_of(Refutation(told)) == expected
+    assert clauses_of(ClaimedRefutation(told)) == expected
 
 
 @given(scene=listed_scenes(), seed=st.integers(0, 99), alone=st.booleans())
@@ -472,7 +472,7 @@ def test_the_minimal_checker_refuses_changed_and_cut_files() -> None:
 def test_a_proof_is_about_its_input() -> None:
     """Another start, goal, system or list of moves than that of an input is told by name."""
     told = proof(SLIDING)
-    found = Refutation(told)
+    found = ClaimedRefutation(told)
     scene = scene_from_spec(SLIDING)
     start, goal = frozenset(told.start), frozenset(told.goal)
     assert found.other_task(scene.system, start, goal, []) is None

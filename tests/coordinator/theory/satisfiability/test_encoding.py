@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.satisfiability import clauses, encoding
-from cubepath.coordinator.theory.satisfiability.clauses import Problem, Written
+from cubepath.coordinator.theory.satisfiability.clauses import ClauseBuffer, EncodingProblem
 from cubepath.coordinator.theory.satisfiability.encoding import TooLargeError, encode
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
@@ -217,7 +217,9 @@ def test_a_budget_that_is_spent_ends_the_building_of_clauses(
     written: list[bool] = []
     write = clauses.write
 
-    def counted(problem: Problem, out: Written, variables: int, fill: bool) -> NDArray[np.int64]:
+    def counted(
+        problem: EncodingProblem, out: ClauseBuffer, variables: int, fill: bool
+    ) -> NDArray[np.int64]:
         written.append(fill)
         return write(problem, out, variables, fill)
 

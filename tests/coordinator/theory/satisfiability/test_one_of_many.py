@@ -13,7 +13,7 @@ from cubepath.coordinator.theory.satisfiability.clauses import SITE
 from cubepath.coordinator.theory.satisfiability.encoding import encode
 from cubepath.coordinator.theory.satisfiability.literal_windows import windows_of
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.theory.satisfiability.one_of_many import Group
+from cubepath.coordinator.theory.satisfiability.one_of_many import SiteGroup
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.scenes.specs import scene_from_spec
 from solved import Pair, check_pair, pairs_near, pairs_of, random_actions
@@ -32,7 +32,7 @@ class Proposing(MetMoves):
         ]
 
 
-def groups(pair: Pair, rounds: int, *proposed: frozenset[object]) -> tuple[Group, ...]:
+def groups(pair: Pair, rounds: int, *proposed: frozenset[object]) -> tuple[SiteGroup, ...]:
     """Return the groups that the clauses of so many rounds use."""
     met = Proposing(pair.system, pair.listed, pair.start, pair.goal)
     met.groups = proposed

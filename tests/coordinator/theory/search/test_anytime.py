@@ -17,8 +17,8 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task, task_of
-from cubepath.coordinator.theory.search.anytime import Improved, improve
+from cubepath.coordinator.theory.optimality.tasks import PathTask, task_of
+from cubepath.coordinator.theory.search.anytime import Improvement, improve
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.own_ends import ends_of
@@ -50,14 +50,14 @@ SYSTEMS = (
 )
 
 
-def checked(where: Scene, walk: list[Action], **options: Any) -> Improved:
+def checked(where: Scene, walk: list[Action], **options: Any) -> Improvement:
     """Improve a walk, and check each path on the way: legal, to the same end, better and better."""
     start = where.start_state
     end = end_state(walk, start)
     begun = normal_cube_path(walk)
     cost = len(begun), sum(map(len, begun))
 
-    def watch(better: Improved) -> None:
+    def watch(better: Improvement) -> None:
         nonlocal cost
         assert end_state(better.cube_path, start) == end
         assert is_normal(better.cube_path)
@@ -252,13 +252,13 @@ def test_labelled_goals_hold_for_the_exhaustive_search_too() -> None:
     for seed in range(4):
         walk = tuple(random_walk(where.spec, 40, seed))
         known = beyond(
-            Task(walk, where.start_state, where.system, labelled_goals=True), iterations=0
+            PathTask(walk, where.start_state, where.system, labelled_goals=True), iterations=0
         )
         assert known.optimal
         assert known.improved == known.lower_bound == len(known.cube_path)
         moves = [move for cube in known.cube_path for move in cube]
         assert ends_of(moves, where.start_state) == ends_of(walk, where.start_state)
-        free = beyond(Task(walk, where.start_state, where.system), iterations=0)
+        free = beyond(PathTask(walk, where.start_state, where.system), iterations=0)
         assert free.optimal
         assert free.lower_bound <= known.lower_bound
 
@@ -383,13 +383,13 @@ def test_an_interrupt_keeps_the_best_path_so_far() -> None:
     """The search ends with what it has found, which is better than the class and checked."""
     path = random_walk("agv:graph=grid6x6,n=5", 300, 1)
     where = scene("agv:graph=grid6x6,n=5")
-    better: list[Improved] = []
+    better: list[Improvement] = []
 
     def interrupt(_stage: str, _steps: int) -> None:
         if better:
             raise KeyboardInterrupt
 
-    task = Task(tuple(path), where.start_state, where.system)
+    task = PathTask(tuple(path), where.start_state, where.system)
     known = beyond(task, iterations=10_000, max_states=10, watch=better.append, tick=interrupt)
     assert better
     assert known.improved == better[-1].cubes < len(normal_cube_path(path))

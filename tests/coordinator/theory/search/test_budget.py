@@ -14,13 +14,13 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound, module_bound
 from cubepath.coordinator.theory.search.simply_connected import only_class
 from cubepath.coordinator.theory.search.transitions import Transitions
-from cubepath.coordinator.theory.search.windows import Windows
+from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.jsonl import write_lines
 from strategies import random_walk, scene
@@ -29,9 +29,9 @@ SPEC = "agv:graph=grid6x6,n=6"
 WALK = random_walk(SPEC, 200, seed=2)
 
 
-def task() -> Task:
+def task() -> PathTask:
     where = scene(SPEC)
-    return Task(tuple(WALK), where.start_state, where.system)
+    return PathTask(tuple(WALK), where.start_state, where.system)
 
 
 def test_steps_are_counted_and_no_more_are_given() -> None:
@@ -84,7 +84,7 @@ def test_a_window_that_is_given_up_leaves_the_path_as_it_was() -> None:
     cubes = normal_cube_path(WALK)
     for most in (1, 30, 300, 3000):
         steps = Transitions(where.system)
-        windows = Windows(steps, start, cubes)
+        windows = WindowSearch(steps, start, cubes)
         known, random = windows.cost, Random(1)  # noqa: S311 - nothing secret
         steps.budget = Budget(steps=most)
         with pytest.raises(SpentError):

@@ -15,8 +15,8 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.theory.search import conflict_kernel as kernel
-from cubepath.coordinator.theory.search.anytime import Improved, improve
-from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, Ends
+from cubepath.coordinator.theory.search.anytime import Improvement, improve
+from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, VehicleEnds
 from cubepath.coordinator.theory.search.own_ends import ends_of
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 from cubepath.coordinator.theory.search.vehicle_lns import Replanner
@@ -48,12 +48,12 @@ def replanner(spec: str, seed: int, moves: int = 80, *, labelled_goals: bool = T
 
 def drafted(
     spec: str, seed: int, *, exchanged: bool = False
-) -> tuple[kernel.Draft, kernel.Window] | None:
+) -> tuple[kernel.Draft, kernel.RouteWindow] | None:
     """Return a draft of one round less, some routes into its repair; None if there is none."""
     plan = replanner(spec, seed)
     starts = plan._plan[:, 0].copy()
     optimizer = ConflictOptimizer(plan._near, starts, exchanged=exchanged)
-    begun = optimizer._begun(plan._plan, Ends(plan._ends, plan._away), seeded(seed))
+    begun = optimizer._begun(plan._plan, VehicleEnds(plan._ends, plan._away), seeded(seed))
     if begun is not None:
         kernel.repair(*begun, seed % 7, exchanged=exchanged)
     return begun
@@ -189,7 +189,7 @@ def test_what_is_repaired_is_a_shorter_plan(spec: str, exchanged: bool) -> None:
     repaired = 0
     for seed in range(6):
         plan = replanner(spec, seed)
-        rows, ends = plan._plan, Ends(plan._ends, plan._away)
+        rows, ends = plan._plan, VehicleEnds(plan._ends, plan._away)
         optimizer = ConflictOptimizer(plan._near, rows[:, 0].copy(), exchanged=exchanged)
         random = seeded(seed)
         for _ in range(20):
@@ -257,7 +257,7 @@ def test_plain_python_repairs_alike() -> None:
 def test_a_plan_at_its_bound_is_left_alone() -> None:
     """One vehicle on its shortest way: no round can be cut."""
     near = np.array([[1, FREE], [0, 2], [1, FREE]], dtype=np.int32)
-    ends = Ends(np.array([2], dtype=np.int32), np.array([[2, 1, 0]], dtype=np.int32))
+    ends = VehicleEnds(np.array([2], dtype=np.int32), np.array([[2, 1, 0]], dtype=np.int32))
     optimizer = ConflictOptimizer(near, np.zeros(1, dtype=np.int32), exchanged=False)
     assert optimizer.step(np.array([[0, 1, 2]], dtype=np.int32), ends, seeded(1)) is None
     late = optimizer.step(np.array([[0, 0, 0, 1, 2]], dtype=np.int32), ends, seeded(1))
@@ -272,7 +272,7 @@ def test_an_interrupt_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     walk = random_walk(SPECS[0], 1500, seed=2)
     start = where.start_state
     for stop in (5, 9, 20):
-        told: list[Improved] = []
+        told: list[Improvement] = []
 
         def interrupt(steps: int, stop: int = stop) -> None:
             if steps == stop:

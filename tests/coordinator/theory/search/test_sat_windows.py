@@ -13,12 +13,12 @@ from hypothesis import given, settings, strategies as st
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.optimality.beyond import beyond
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.satisfiability.encoding import encode
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.solver_process import SolverProcess
 from cubepath.coordinator.theory.search.anytime import improve
-from cubepath.coordinator.theory.search.budget import Budget, Stage
+from cubepath.coordinator.theory.search.budget import Budget, SearchStage
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.own_ends import OwnEnds, ends_of
 from cubepath.coordinator.theory.search.sat_windows import STAGE, CubePath, SatWindows
@@ -40,9 +40,9 @@ SYSTEMS = (
 )
 
 
-def settled(where: Scene, walk: list[Action], **options: Any) -> tuple[CubePath, Stage]:
+def settled(where: Scene, walk: list[Action], **options: Any) -> tuple[CubePath, SearchStage]:
     """Return what windows alone make of a walk, once there is nothing left to ask."""
-    best, stage = normal_cube_path(walk), Stage(STAGE)
+    best, stage = normal_cube_path(walk), SearchStage(STAGE)
     given: dict[str, Any] = {"own_ends": False, "budget": Budget(), **options}
     with SatWindows(where.system, where.start_state, best, **given, stage=stage) as windows:
         until = time.monotonic() + 60
@@ -133,7 +133,7 @@ def test_without_the_library_the_search_goes_on_and_says_so(monkeypatch: Any) ->
     )
     where = scene("hex:n=6")
     walk = random_walk(where.spec, 80, seed=3)
-    task = Task(tuple(walk), frozenset(where.start_state), where.system)
+    task = PathTask(tuple(walk), frozenset(where.start_state), where.system)
     known = beyond(task, seconds=1.0, max_states=10)
     assert known.improved is not None
     assert known.improved <= len(normal_cube_path(walk))
@@ -145,7 +145,7 @@ def test_bounded_by_steps_no_solver_takes_part() -> None:
     """Else the result would not be the same on every machine."""
     where = scene("hex:n=6")
     walk = random_walk(where.spec, 80, seed=3)
-    task = Task(tuple(walk), frozenset(where.start_state), where.system)
+    task = PathTask(tuple(walk), frozenset(where.start_state), where.system)
     known = beyond(task, iterations=3, max_states=10)
     assert STAGE not in {stage.name for stage in known.spent}
 

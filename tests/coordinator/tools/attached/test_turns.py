@@ -11,9 +11,9 @@ import msgspec
 import pytest
 
 from cubepath.coordinator.runs.launch import start
-from cubepath.coordinator.tools.attached.backlog import Heard
+from cubepath.coordinator.tools.attached.backlog import ReceivedMessage
 from cubepath.coordinator.tools.attached.losses import Head
-from cubepath.coordinator.tools.attached.turns import Item, Turns
+from cubepath.coordinator.tools.attached.turns import Item, MessageOrder
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
@@ -36,7 +36,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 def item(record: Record) -> Item:
     """Return a message as it comes."""
     head = msgspec.json.decode(record.data, type=Head)
-    return Item(record.topic, Heard("", record.data, record.wall_ns, None), head, wanted=True)
+    return Item(
+        record.topic, ReceivedMessage("", record.data, record.wall_ns, None), head, wanted=True
+    )
 
 
 def by_links(records: Sequence[Record], random: Random, ahead: int) -> Iterator[Record]:
@@ -73,7 +75,7 @@ def test_whatever_comes_first_the_pace_is_kept(recording: Recording, ahead: int)
     for seed in range(25):
         came = [*map(item, by_links(recording.records, Random(seed), ahead))]  # noqa: S311
         astray += bool(wrong(recording, came))
-        turns = Turns(3, from_start=True)
+        turns = MessageOrder(3, from_start=True)
         found = [each for one in came for each in turns.put(one)]
         assert wrong(recording, found) == []
         assert [*turns.rest()] == []
@@ -87,7 +89,7 @@ def test_whatever_comes_first_the_pace_is_kept(recording: Recording, ahead: int)
 def test_what_waits_for_something_lost_comes_after_a_second(recording: Recording) -> None:
     """As it came; and from the next phase on all is in order again."""
     now = [0.0]
-    turns = Turns(3, from_start=True, clock=lambda: now[0])
+    turns = MessageOrder(3, from_start=True, clock=lambda: now[0])
     lost = next(each for each in recording.records if each.kind == "ready" and each.round == 2)
     found: list[Item] = []
     for record in recording.records:
@@ -106,7 +108,7 @@ def test_what_waits_for_something_lost_comes_after_a_second(recording: Recording
 def test_after_something_was_lost_nothing_waits_for_it_again(recording: Recording) -> None:
     """What was answered while it was waited for counts: the next phase begins at once."""
     now = [0.0]
-    turns = Turns(3, from_start=True, clock=lambda: now[0])
+    turns = MessageOrder(3, from_start=True, clock=lambda: now[0])
     lost = next(each for each in recording.records if each.kind == "ready" and each.round == 2)
     for record in recording.records:
         if record.round < 3 and record is not lost:
@@ -120,7 +122,7 @@ def test_after_something_was_lost_nothing_waits_for_it_again(recording: Recordin
 def test_in_the_middle_of_a_run_messages_pass(recording: Recording) -> None:
     """Until a phase begins; a run without rounds has none."""
     late = [item(each) for each in recording.records if each.round >= 3][5:]
-    turns = Turns(3, from_start=False)
+    turns = MessageOrder(3, from_start=False)
     assert [each for one in late for each in turns.put(one)] == late
-    free = Turns(None, from_start=True)
+    free = MessageOrder(None, from_start=True)
     assert [each for one in reversed(late) for each in free.put(one)] == late[::-1]

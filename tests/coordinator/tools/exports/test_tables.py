@@ -18,10 +18,10 @@ from hypothesis import given, strategies as st
 
 from command_line import GOLDEN
 from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.coordinator.tools.exports.rows import Wanted, table_of
+from cubepath.coordinator.tools.exports.rows import RowSelection, table_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cuts import MessageSelection
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
@@ -100,9 +100,9 @@ def test_messages_read_back_are_those_of_the_recording(path: Path, form: str) ->
 def test_a_range_of_rounds_takes_their_rows(path: Path, name: str, first: int, more: int) -> None:
     """Both ends are included, whatever table is asked for."""
     recording = read_recording(path)
-    wanted = Selection(first=first, until=first + more)
-    some = table_of(recording, Wanted(name, wanted))
-    every = table_of(recording, Wanted(name))
+    wanted = MessageSelection(first=first, until=first + more)
+    some = table_of(recording, RowSelection(name, wanted))
+    every = table_of(recording, RowSelection(name))
     assert some.columns == every.columns
     rows = [row for batch in every.batches for row in batch]
     found = [row for batch in some.batches for row in batch]
@@ -113,7 +113,7 @@ def test_a_range_of_rounds_takes_their_rows(path: Path, name: str, first: int, m
 def test_rounds_add_up_to_the_recording(path: Path) -> None:
     """Messages, bytes, moves and claims, each counted in one round; and the times of each."""
     recording = read_recording(path)
-    table = table_of(recording, Wanted("rounds"))
+    table = table_of(recording, RowSelection("rounds"))
     rows = [dict(zip(table.columns, row, strict=True)) for batch in table.batches for row in batch]
     assert [row["round"] for row in rows] == sorted({row["round"] for row in rows})
     claims = recording.claims()["outcome"].tolist()
@@ -135,7 +135,7 @@ def test_rounds_add_up_to_the_recording(path: Path) -> None:
 def test_parts_of_batches_are_kinds_of_messages(kinds: tuple[str, ...]) -> None:
     """What is asked for by kind is what the recording gives by kind."""
     recording = read_recording(GOLDEN / "agv-6.mcap")
-    table = table_of(recording, Wanted("messages", kinds=kinds))
+    table = table_of(recording, RowSelection("messages", kinds=kinds))
     found = [json.loads(row[-1]) for batch in table.batches for row in batch]
     assert found == [msgspec.to_builtins(each.message) for each in recording.messages(kinds)]
 
@@ -159,9 +159,9 @@ def chunked(name: str, size: int) -> Path:
 @pytest.mark.parametrize("name", ["moves", "claims", "rounds"])
 def test_rows_come_while_the_file_is_read(name: str, size: int) -> None:
     """However the file is cut into chunks the rows are the same, and come some at a time."""
-    whole = table_of(read_recording(GOLDEN / "agv-6.mcap"), Wanted(name))
+    whole = table_of(read_recording(GOLDEN / "agv-6.mcap"), RowSelection(name))
     recording = read_recording(chunked("agv-6", size))
-    batches = [batch for batch in table_of(recording, Wanted(name)).batches if batch]
+    batches = [batch for batch in table_of(recording, RowSelection(name)).batches if batch]
     assert list(chain(*batches)) == list(chain(*whole.batches))
     assert len(batches) > 5
 
@@ -228,12 +228,12 @@ def test_levels_are_not_made_of_the_wall_clock() -> None:
     recording = read_recording(GOLDEN / "hex-free-5.mcap")
     walled = replace(recording, parameters={**recording.parameters, "log_time": "wall"})
     with pytest.raises(InputError, match="its log time is the wall clock"):
-        list(table_of(walled, Wanted("rounds")).batches)
+        list(table_of(walled, RowSelection("rounds")).batches)
     for table in ("claims", "messages"):
-        assert any(table_of(walled, Wanted(table)).batches)
+        assert any(table_of(walled, RowSelection(table)).batches)
         with pytest.raises(InputError, match="so only its moves have levels: expected no range"):
-            table_of(walled, Wanted(table, Selection(until=3)))
-    assert any(table_of(walled, Wanted("moves", Selection(until=3))).batches)
+            table_of(walled, RowSelection(table, MessageSelection(until=3)))
+    assert any(table_of(walled, RowSelection("moves", MessageSelection(until=3))).batches)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.coordinator.tools.live.feed import Feed, Place
+from cubepath.coordinator.tools.live.feed import Feed, FeedPosition
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
 from cubepath.coordinator.tools.viewing.shown import document_of
 from cubepath.protocol.core.actions import end_at
@@ -69,7 +69,7 @@ def fed(found: Watched, step_name: str = "round") -> Generator[tuple[Feed, Follo
 
 
 def follow(feed: Feed, follower: Follower) -> None:
-    place = Place()
+    place = FeedPosition()
     while (events := feed.next(place, 10)) is not None:
         for event in events:
             follower.take(event)
@@ -128,7 +128,7 @@ def test_who_comes_back_goes_on_where_it_was(tmp_path: Path) -> None:
     steps = [tuple(step) for step in found.shown.steps]
     with fed(found) as (feed, _):
         feed.give(0, steps[:2])
-        place = Place()
+        place = FeedPosition()
         first = [event for event in feed.next(place, 10) or [] if event.startswith(b"id: ")]
         feed.give(2, steps[2:])
         feed.end({"ended": "goal", "error": None})
@@ -137,7 +137,7 @@ def test_who_comes_back_goes_on_where_it_was(tmp_path: Path) -> None:
             events += [event for event in more if event.startswith(b"id: ")]
         numbers = [int(event.split(b"\n")[0][4:]) for event in events]
         assert numbers == list(range(1, len(events) + 1))
-        again = feed.next(Place(events=1), 10) or []
+        again = feed.next(FeedPosition(events=1), 10) or []
         assert [event for event in again if event.startswith(b"id: ")] == events[1:]
 
 
@@ -149,6 +149,6 @@ def test_what_is_no_step_is_told_where_the_feed_is_closed(tmp_path: Path) -> Non
     early = next(action for action in path if end_at(action, scene.start_state) is None)
     feed = Feed(scene)
     feed.give(0, [(early,)])
-    assert feed.next(Place(), 10) is None
+    assert feed.next(FeedPosition(), 10) is None
     with pytest.raises(Exception, match="not a step"):
         feed.close()

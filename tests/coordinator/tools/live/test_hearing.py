@@ -8,7 +8,7 @@ from cubepath.coordinator.runs.free_gatherer import Released
 from cubepath.coordinator.tools.live import hearing as module
 from cubepath.coordinator.tools.live.elsewhere import Levels
 from cubepath.coordinator.tools.live.hearing import Hearing
-from cubepath.coordinator.tools.viewing.worlds import World
+from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -37,7 +37,7 @@ def report(number: int, *, won: bool = True, deliveries: int = 1) -> Report:
 
 def test_what_comes_late_is_told_with_its_step() -> None:
     """A step that was told is told again, whole; nothing of a step that is not there yet."""
-    found = Hearing(World(SCENE), free=False, before=3)
+    found = Hearing(NumberedWorld(SCENE), free=False, before=3)
     found.take(report(4, won=False))
     assert found.told(0) is None
     assert found.told(1) == {"claims": [[1, []]], "kinds": ["here"], "heard": [[1, [0, 1, 0]]]}
@@ -50,7 +50,7 @@ def test_what_comes_late_is_told_with_its_step() -> None:
 
 def test_what_cannot_be_is_passed_over() -> None:
     """Modules that there are not, and places that are none, break nothing."""
-    found = Hearing(World(SCENE), free=False)
+    found = Hearing(NumberedWorld(SCENE), free=False)
     found.take(claim(1, module=7))
     found.take(Claim(1, 0, {"no": "site"}, "edge", None))
     found.take(Claim(1, 1, to_json(SITE), "no such generator", to_json(SITE)))
@@ -60,7 +60,7 @@ def test_what_cannot_be_is_passed_over() -> None:
 def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their number is told from then on, in their place."""
     monkeypatch.setattr(module, "DELIVERIES_MAX", 5)
-    found = Hearing(World(SCENE), free=False)
+    found = Hearing(NumberedWorld(SCENE), free=False)
     found.take(report(1, deliveries=4))
     assert "heard" in (found.told(1) or {})
     found.take(report(2, deliveries=4))
@@ -72,7 +72,7 @@ def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPat
 def test_attempts_stand_above_all_that_was_made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without rounds; old ones are forgotten, so that a long run takes no more memory."""
     monkeypatch.setattr(module, "_KEPT", 2)
-    found = Hearing(World(SCENE), free=True)
+    found = Hearing(NumberedWorld(SCENE), free=True)
     move = MOVES[0]
     found.take(Attempt(0, 0, 1, 1, to_json(SITE), move.generator, to_json(move.at)))
     assert (found.told(1) or {})["claims"] == [[1, [0, 0, 2]]]

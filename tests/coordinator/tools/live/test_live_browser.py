@@ -13,7 +13,7 @@ from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
-from cubepath.coordinator.tools.viewing.shown import Shown
+from cubepath.coordinator.tools.viewing.shown import RunView
 from cubepath.protocol.recordings.recording import read_recording
 from watched_pages import Open, followed, until
 
@@ -85,7 +85,7 @@ def test_a_page_follows_a_run_pauses_it_and_steps_it(
     saved = tmp_path / "saved.html"
     download.value.save_as(saved)
     run_page(
-        Shown(scene, actions, cubes, step_name="round"),
+        RunView(scene, actions, cubes, step_name="round"),
         tmp_path / "run.html",
     )
     kept, whole = page_document(saved), page_document(tmp_path / "run.html")

@@ -7,14 +7,14 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.tools.live.watching import STEPS_MAX, Pace
+from cubepath.coordinator.tools.live.watching import STEPS_MAX, RoundPacer
 from cubepath.protocol.core.errors import InputError
 
 
 @given(st.lists(st.sampled_from(["pause", "resume", "step", "round"]), max_size=30))
 def test_a_paused_run_plays_the_rounds_that_are_asked_for(orders: list[str]) -> None:
     """As in a count by hand: orders that come twice count once, but for steps."""
-    pace, paused, due = Pace(), False, 0
+    pace, paused, due = RoundPacer(), False, 0
     for order in orders:
         if order == "round":
             goes = not paused or due > 0
@@ -30,7 +30,7 @@ def test_a_paused_run_plays_the_rounds_that_are_asked_for(orders: list[str]) -> 
 
 def test_a_rate_keeps_rounds_apart_and_steps_need_not_wait() -> None:
     """At 0.1 rounds a second the second round waits about ten seconds; a step is at once."""
-    pace = Pace(rate=0.1)
+    pace = RoundPacer(rate=0.1)
     assert pace.left() == 0.0
     assert 5 < pace.left() <= 10
     pace.order("step", 2)
@@ -54,7 +54,7 @@ def test_a_rate_keeps_rounds_apart_and_steps_need_not_wait() -> None:
 )
 def test_what_is_no_order_is_refused(order: str, value: object, told: str) -> None:
     """In one line, and the run goes on as before, or waits."""
-    pace = Pace()
+    pace = RoundPacer()
     with pytest.raises(InputError, match=told):
         pace.order(order, value)
     assert pace.state["steps"] == 0

@@ -17,7 +17,7 @@ import pytest
 from cubepath.coordinator.tools.live import server as module
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import CLIENTS_MAX, HOST, Server
-from cubepath.coordinator.tools.live.watching import Pace
+from cubepath.coordinator.tools.live.watching import RoundPacer
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -25,9 +25,9 @@ from watched_pages import watched
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[Server, Pace]]:
+def served() -> Iterator[tuple[Server, RoundPacer]]:
     """Serve the page of a run that has not begun."""
-    feed, pace = Feed(scene_from_spec("hex:n=3")), Pace()
+    feed, pace = Feed(scene_from_spec("hex:n=3")), RoundPacer()
     feed.tell(pace.state)
     server = Server(page_text(feed.document, live=True), feed, pace.order)
     try:
@@ -62,7 +62,7 @@ def order(server: Server, told: object, **headers: Any) -> tuple[int, bytes]:
     return ask(server, "orders", "POST", body, **headers)[:2]
 
 
-def test_the_page_says_what_it_may_do(served: tuple[Server, Pace]) -> None:
+def test_the_page_says_what_it_may_do(served: tuple[Server, RoundPacer]) -> None:
     """Nothing but its own scripts and its own server, nothing kept, and no word to others."""
     server, _ = served
     status, page, headers = ask(server)
@@ -80,7 +80,7 @@ def test_the_page_says_what_it_may_do(served: tuple[Server, Pace]) -> None:
 
 
 @pytest.mark.parametrize("method", ["GET", "POST", "HEAD", "OPTIONS", "BREW"])
-def test_without_the_token_there_is_nothing(served: tuple[Server, Pace], method: str) -> None:
+def test_without_the_token_there_is_nothing(served: tuple[Server, RoundPacer], method: str) -> None:
     """Not even a word on what there would be with it."""
     server, pace = served
     token = server.token
@@ -110,7 +110,7 @@ def test_without_the_token_there_is_nothing(served: tuple[Server, Pace], method:
     ],
 )
 def test_other_hosts_and_sites_are_refused(
-    served: tuple[Server, Pace], headers: dict[str, str]
+    served: tuple[Server, RoundPacer], headers: dict[str, str]
 ) -> None:
     """Though they know the token: a name that is made to point here, and pages of others."""
     server, pace = served
@@ -139,7 +139,7 @@ def test_other_hosts_and_sites_are_refused(
     ],
 )
 def test_what_is_no_order_is_refused_in_a_line(
-    served: tuple[Server, Pace], told: object, status: int
+    served: tuple[Server, RoundPacer], told: object, status: int
 ) -> None:
     """And has no effect; an order is carried out."""
     server, pace = served
@@ -148,7 +148,7 @@ def test_what_is_no_order_is_refused_in_a_line(
     assert pace.state["paused"] == (status == 200)
 
 
-def test_orders_come_as_json_by_post_alone(served: tuple[Server, Pace]) -> None:
+def test_orders_come_as_json_by_post_alone(served: tuple[Server, RoundPacer]) -> None:
     """Forms, which pages of others may send, are refused, and other methods, and unknown parts."""
     server, pace = served
     pause = b'{"order": "pause"}'
@@ -164,7 +164,7 @@ def test_orders_come_as_json_by_post_alone(served: tuple[Server, Pace]) -> None:
 
 
 def test_garbage_and_silence_hold_nobody_up(
-    served: tuple[Server, Pace], monkeypatch: pytest.MonkeyPatch
+    served: tuple[Server, RoundPacer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Who sends no request is cut off, who is one too many is told so, and others are served."""
     server, _ = served
@@ -218,7 +218,7 @@ def test_who_reads_nothing_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
     assert [each.name for each in threading.enumerate() if "cubepath" in each.name] == []
 
 
-def test_a_port_that_is_taken_is_told(served: tuple[Server, Pace]) -> None:
+def test_a_port_that_is_taken_is_told(served: tuple[Server, RoundPacer]) -> None:
     """In a line that names it and says why, without numbers of errors; as is one that is none."""
     server, _ = served
     with pytest.raises(InputError, match=r": Address already in use$"):

@@ -19,7 +19,7 @@ import pytest
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.tools.viewing.pages import run_page
-from cubepath.coordinator.tools.viewing.shown import Shown
+from cubepath.coordinator.tools.viewing.shown import RunView
 from cubepath.protocol.scenes.specs import scene_from_spec
 from watched_pages import KINDS, Open, Watched, pivoting_squares, until, watched
 
@@ -124,7 +124,7 @@ def test_a_square_that_pivots_is_never_where_another_is(tmp_path: Path, opened: 
     """On its way it is a whole cell away from those that stay, which it would slide through."""
     scene = pivoting_squares()
     played = play(scene, "random", seed=5, max_rounds=12)
-    run_page(Shown(scene, played.steps, played.steps), tmp_path / "run.html")
+    run_page(RunView(scene, played.steps, played.steps), tmp_path / "run.html")
     page = opened(tmp_path / "run.html")
     least = page.evaluate(
         """() => {
@@ -448,7 +448,7 @@ def test_paths_without_moves_are_shown_as_well(steps: int, tmp_path: Path, opene
     site = scene.start[0]
     move = next(each for each in scene.system.moves_at(site) if each.possible(scene.start_state))
     run = [(move.action,), (move.action,), ()][:steps]
-    run_page(Shown(scene, run, ()), tmp_path / "run.html")
+    run_page(RunView(scene, run, ()), tmp_path / "run.html")
     page = opened(tmp_path / "run.html")
     for tab in ("#tab-heap", "#tab-schedule"):
         page.click(tab)
@@ -490,7 +490,7 @@ def test_a_page_can_be_fed(tmp_path: Path, opened: Open) -> None:
 def test_who_is_smaller_than_a_pixel_is_seen(tmp_path: Path, opened: Open) -> None:
     """Of a line of a thousand modules the modules, and the goal far off, have pixels."""
     scene = scene_from_spec("hex:n=1000")
-    run_page(Shown(scene, [()], ()), tmp_path / "run.html")
+    run_page(RunView(scene, [()], ()), tmp_path / "run.html")
     page = opened(tmp_path / "run.html")
     seen = settled(page).evaluate(
         """() => {

@@ -13,8 +13,8 @@ import pytest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
-from cubepath.coordinator.tools.viewing.shown import Shown, document_of
-from cubepath.coordinator.tools.viewing.worlds import World
+from cubepath.coordinator.tools.viewing.shown import RunView, document_of
+from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from obvious import obvious_normal_form
@@ -23,16 +23,18 @@ from watched_pages import KINDS, followed, pivoting_squares, watched
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
 
 
-def recorded(name: str) -> Shown:
+def recorded(name: str) -> RunView:
     """Return a recording as a page shows it."""
     recording = read_recording(GOLDEN / f"{name}.mcap")
     run = gathered(recording)
     steps = [step.actions for step in run.steps]
     heap = run.heap
-    return Shown(recording.scene, steps, heap.cube_path(), heap.normal_form(), recording=recording)
+    return RunView(
+        recording.scene, steps, heap.cube_path(), heap.normal_form(), recording=recording
+    )
 
 
-def document(shown: Shown) -> Any:
+def document(shown: RunView) -> Any:
     """Return the document of a page as a browser reads it."""
     return unpack(pack(document_of([shown])))
 
@@ -176,7 +178,7 @@ def test_a_hexagon_turns_about_a_corner_that_it_keeps(tmp_path: Path) -> None:
 def test_a_square_turns_where_its_move_says_so(tmp_path: Path) -> None:
     """It turns about a corner, past no cell that its move does not need free; others slide."""
     scene = pivoting_squares()
-    world = World(scene)
+    world = NumberedWorld(scene)
     moves = [move for move in scene.system.moves((0, 1)) if move is not None]
     for move in moves:
         on = next(end for end in (0, 1) if (0, 1) in move.action.ends[end])
@@ -203,7 +205,7 @@ def test_a_square_turns_where_its_move_says_so(tmp_path: Path) -> None:
 def test_two_runs_of_one_scene_share_its_world_and_its_complex(tmp_path: Path) -> None:
     """Two runs lie beside each other; of other scenes each has a world of its own."""
     one = watched("agv:graph=K5,n=2", tmp_path).shown
-    other = Shown(one.scene, one.cubes, one.cubes, name="other", step_name="cube")
+    other = RunView(one.scene, one.cubes, one.cubes, name="other", step_name="cube")
     data = unpack(pack(document_of([one, other])))
     assert (len(data["worlds"]), data["beside"]) == (1, [0, 2])
     assert [path["title"] for path in data["paths"][2:]] == [

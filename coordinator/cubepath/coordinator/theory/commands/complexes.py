@@ -24,7 +24,7 @@ from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:
     from cubepath.coordinator.theory.complexes.report import ComplexReport
-    from cubepath.coordinator.theory.paper.registry import Row
+    from cubepath.coordinator.theory.paper.registry import ClaimResult
     from cubepath.protocol.core.system import Scene
 
 
@@ -194,10 +194,10 @@ def _paper(options: argparse.Namespace) -> int:
     from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims  # noqa: PLC0415
 
     claims = all_claims()
-    rows: list[Row] = []
+    rows: list[ClaimResult] = []
     with progress_bar(len(claims), "paper", " claims") as bar:
 
-        def note(row: Row) -> None:
+        def note(row: ClaimResult) -> None:
             rows.append(row)
             bar.update()
 
@@ -214,7 +214,7 @@ def _paper(options: argparse.Namespace) -> int:
     return FAILED if wrong else DONE
 
 
-def _say_rows(options: argparse.Namespace, rows: list[Row]) -> None:
+def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
     lines = []
     for row in rows:
         mark = {True: "agrees", False: "DIFFERS", None: "open"}[row.agrees]

@@ -22,7 +22,7 @@ from cubepath.protocol.core.sites import to_json
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.theory.following.optimum import FewestRounds
-    from cubepath.coordinator.theory.proof_checking.following_proof import ProvedFewest
+    from cubepath.coordinator.theory.proof_checking.following_proof import FewestRoundsResult
     from cubepath.protocol.path_files.following import FollowingFile
     from cubepath.protocol.path_files.following_proofs import FollowingProof
     from cubepath.protocol.plans.imported import VehiclePlan
@@ -112,7 +112,7 @@ def _task_rows(task: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _rows(proof: FollowingProof, found: ProvedFewest) -> list[tuple[str, str]]:
+def _rows(proof: FollowingProof, found: FewestRoundsResult) -> list[tuple[str, str]]:
     less = f"under the rule {proof.rule} no timetable of {counted(found.refuted, 'round')} or fewer"
     has = f"the timetable has {found.rounds}"
     if found.optimal:
@@ -126,7 +126,7 @@ def _rows(proof: FollowingProof, found: ProvedFewest) -> list[tuple[str, str]]:
     ]
 
 
-def _document(proof: FollowingProof, found: ProvedFewest) -> dict[str, Any]:
+def _document(proof: FollowingProof, found: FewestRoundsResult) -> dict[str, Any]:
     return {
         "ok": found.proved,
         "standing": proof.standing,

@@ -27,7 +27,7 @@ from cubepath.protocol.core.sites import in_order, to_json
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.path_input import PathInput
-    from cubepath.coordinator.theory.proof_checking.optimality import ProvedOptimal, Refutation
+    from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation, ProofResult
     from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
 
 _SUFFIX = ".proof"
@@ -156,11 +156,11 @@ def _claimed(
     tell: Callable[[str, int], object],
 ) -> ClaimedProof:
     """Return what a proof about cubes claims; CheckError for what already does not hold."""
-    from cubepath.coordinator.theory.proof_checking.optimality import Refutation  # noqa: PLC0415
+    from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation  # noqa: PLC0415
     from cubepath.protocol.path_files.optimality_proofs import read_proof  # noqa: PLC0415
 
     proof = read_proof(file)
-    refutation = Refutation(proof, tell)
+    refutation = ClaimedRefutation(proof, tell)
     why = None if given is None else _another_task(refutation, given)
     if why is not None:
         raise CheckError(f"{file_name(options.of)} {why}")
@@ -185,7 +185,7 @@ def _refuse(options: argparse.Namespace, error: CheckError) -> int:
     return FAILED
 
 
-def _task(refutation: Refutation) -> dict[str, Any]:
+def _task(refutation: ClaimedRefutation) -> dict[str, Any]:
     """Return what a proof is about: its system, None if its moves are listed, and its ends."""
     proof, scene = refutation.proof, refutation.scene
     system = None
@@ -209,7 +209,7 @@ def _task_rows(task: dict[str, Any], moves: int) -> list[tuple[str, str]]:
     ]
 
 
-def _rows(proof: OptimalityProof, found: ProvedOptimal) -> list[tuple[str, str]]:
+def _rows(proof: OptimalityProof, found: ProofResult) -> list[tuple[str, str]]:
     less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
     has = f"the schedule has {found.cubes}"
     if found.optimal:
@@ -224,7 +224,7 @@ def _rows(proof: OptimalityProof, found: ProvedOptimal) -> list[tuple[str, str]]
     ]
 
 
-def _document(proof: OptimalityProof, found: ProvedOptimal) -> dict[str, Any]:
+def _document(proof: OptimalityProof, found: ProofResult) -> dict[str, Any]:
     return {
         "ok": found.proved,
         "standing": proof.standing,
@@ -239,7 +239,7 @@ def _document(proof: OptimalityProof, found: ProvedOptimal) -> dict[str, Any]:
     }
 
 
-def _another_task(refutation: Refutation, given: PathInput) -> str | None:
+def _another_task(refutation: ClaimedRefutation, given: PathInput) -> str | None:
     """Return why a proof is not about the start, the end and the moves of an input."""
     from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
     from cubepath.coordinator.theory.search.own_ends import ends_of  # noqa: PLC0415

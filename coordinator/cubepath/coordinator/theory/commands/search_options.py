@@ -14,9 +14,9 @@ from cubepath.protocol.core.formatting import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
-    from cubepath.coordinator.theory.optimality.beyond import Beyond
-    from cubepath.coordinator.theory.search.anytime import Improved
-    from cubepath.coordinator.theory.search.budget import Stage
+    from cubepath.coordinator.theory.optimality.beyond import OptimalityReport
+    from cubepath.coordinator.theory.search.anytime import Improvement
+    from cubepath.coordinator.theory.search.budget import SearchStage
 
 
 def add_beyond_options(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +81,7 @@ def improving(options: argparse.Namespace) -> str | None:
     )
 
 
-def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
+def look_beyond(options: argparse.Namespace, found: Shortened) -> OptimalityReport | None:
     """Return what the options ask for, None if that is nothing; InputError if it is impossible.
 
     Progress goes to standard error.
@@ -101,7 +101,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     task = task_of(found)
     with progress_bar(None, "bounds", " steps") as bar:
 
-        def watch(better: Improved) -> None:
+        def watch(better: Improvement) -> None:
             bar.set_postfix_str(
                 f"{counted(better.cubes, 'cube')}, {counted(better.moves, 'move')}", refresh=False
             )
@@ -132,7 +132,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
         )
 
 
-def beyond_rows(known: Beyond | None, proof: Path | None) -> list[tuple[str, object]]:
+def beyond_rows(known: OptimalityReport | None, proof: Path | None) -> list[tuple[str, object]]:
     """Return the lines of the summary; `proof` is the file that was asked for."""
     if known is None:
         return []
@@ -175,7 +175,7 @@ _ENDED = {
 }
 
 
-def _told(stage: Stage) -> str:
+def _told(stage: SearchStage) -> str:
     unit = _STEPS.get(stage.name)
     if unit is None:
         return f"{stage.name} {stage.seconds:.1f} s"

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubepath.coordinator.theory.complexes.cubical_complex import (
+    CellRows,
     Cells,
     CubicalComplex,
     Numbers,
-    Rows,
     cofaces,
     incidence,
 )
@@ -32,7 +32,7 @@ ORDERS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Collapsed:
+class CollapseResult:
     """The result of a sequence of elementary collapses.
 
     left: the number of cubes of each dimension that are left; as long as the f-vector of the
@@ -50,7 +50,7 @@ class Collapsed:
         return self.left[:1] == (1,) and not any(self.left[1:])
 
 
-def collapse(complex_: CubicalComplex) -> Collapsed:
+def collapse(complex_: CubicalComplex) -> CollapseResult:
     """Collapse the complex as long as there are free faces; return what is left.
 
     Greedy. If more than a point is left of a complex with Euler characteristic 1, other orders are
@@ -65,7 +65,7 @@ def collapse(complex_: CubicalComplex) -> Collapsed:
     cells = incidence(complex_)
     above = cofaces(cells.faces)
     count = len(above.start) - 1
-    best: Collapsed | None = None
+    best: CollapseResult | None = None
     for attempt in range(ORDERS if complex_.euler == 1 else 1):
         collapsed = _collapsed.for_work(8 * (count + len(cells.faces.cell)))
         steps = collapsed(cells.faces, above, _order(count, attempt), attempt % 2)
@@ -109,7 +109,7 @@ def _order(count: int, attempt: int) -> Cells:
     return np.argsort(key ^ (key >> np.uint64(31)), kind="stable").astype(np.int32)
 
 
-def _in_numbers(complex_: CubicalComplex, offset: Numbers, steps: Cells) -> Collapsed:
+def _in_numbers(complex_: CubicalComplex, offset: Numbers, steps: Cells) -> CollapseResult:
     """Return the collapse with cubes numbered within their dimensions."""
     dimension = np.searchsorted(offset[1:], steps[:, 0], side="right")
     gone = np.bincount(dimension, minlength=len(offset))
@@ -117,11 +117,11 @@ def _in_numbers(complex_: CubicalComplex, offset: Numbers, steps: Cells) -> Coll
         count - int(gone[k]) - int(gone[k + 1]) for k, count in enumerate(complex_.f_vector)
     )
     numbers = steps - np.stack([offset[dimension], offset[dimension - 1]], axis=1)
-    return Collapsed(left, np.column_stack([dimension, numbers]).astype(np.int32))
+    return CollapseResult(left, np.column_stack([dimension, numbers]).astype(np.int32))
 
 
 @compiled
-def _collapsed(faces: Rows, cofaces_: Rows, order: Cells, last_first: int) -> Cells:
+def _collapsed(faces: CellRows, cofaces_: CellRows, order: Cells, last_first: int) -> Cells:
     """Return the removed cells, shape (collapses, 2): each cube and its free face.
 
     A cell is looked at when it becomes the face of only one cube, and again when that cube stops
@@ -157,7 +157,7 @@ def _collapsed(faces: Rows, cofaces_: Rows, order: Cells, last_first: int) -> Ce
 
 
 @compiled
-def _take_away(cell: int, faces: Rows, above: Numbers, waiting: Cells, tail: int) -> int:
+def _take_away(cell: int, faces: CellRows, above: Numbers, waiting: Cells, tail: int) -> int:
     """Stop counting the cell as a coface; return the new end of the queue of cells to look at."""
     for i in range(faces.start[cell], faces.start[cell + 1]):
         below = faces.cell[i]

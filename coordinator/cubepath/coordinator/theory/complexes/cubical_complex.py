@@ -110,7 +110,7 @@ Numbers = NDArray[np.int64]
 Cells = NDArray[np.int32]
 
 
-class Rows(NamedTuple):
+class CellRows(NamedTuple):
     """A list of cells for each cell: those of c are ``cell[start[c]:start[c + 1]]``."""
 
     start: Numbers
@@ -126,7 +126,7 @@ class Incidence:
     """
 
     offset: Numbers
-    faces: Rows
+    faces: CellRows
 
 
 def incidence(complex_: CubicalComplex) -> Incidence:
@@ -139,10 +139,10 @@ def incidence(complex_: CubicalComplex) -> Incidence:
     for k in range(1, len(counts)):
         here = slice(start[offset[k]], start[offset[k + 1]])
         face[here] = complex_.faces[k].reshape(-1) + offset[k - 1]
-    return Incidence(offset, Rows(start, face))
+    return Incidence(offset, CellRows(start, face))
 
 
-def cofaces(faces: Rows) -> Rows:
+def cofaces(faces: CellRows) -> CellRows:
     """Return for each cell the cells of which it is a face, ascending, with multiplicity.
 
     This is the transpose of the rows, in linear time.
@@ -151,7 +151,7 @@ def cofaces(faces: Rows) -> Rows:
 
 
 @compiled
-def _transposed(faces: Rows) -> Rows:
+def _transposed(faces: CellRows) -> CellRows:
     cells = len(faces.start) - 1
     start = np.zeros(cells + 1, np.int64)
     for number in faces.cell:
@@ -164,7 +164,7 @@ def _transposed(faces: Rows) -> Rows:
             number = faces.cell[i]
             coface[place[number]] = cell
             place[number] += 1
-    return Rows(start, coface)
+    return CellRows(start, coface)
 
 
 class Boundary(NamedTuple):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cubepath.agents.rendering.pen import DARK, INK, LIGHT, PAPER, WALL, Theme, arcs
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.vertex_layout import (
-    View,
+    ProjectedView,
     best_view,
     corners_of_squares,
     laid_out,
@@ -80,7 +80,7 @@ def draw_complex(
     edges = complex_.faces[1][:, 0] if complex_.dimension > 0 else np.empty((0, 2), np.int32)
     if complex_.dimension < 2:
         places = laid_out(complex_, 2)
-        view = View(places, np.ones(len(places)))
+        view = ProjectedView(places, np.ones(len(places)))
     else:
         view = best_view(laid_out(complex_, 3), edges)
     wide, tall = np.ptp(view.places, axis=0) + 2 * _MARGIN
@@ -148,7 +148,7 @@ def _cubes(dimensions: list[int]) -> str:
 def _draw(
     axes: Axes,
     complex_: CubicalComplex,
-    view: View,
+    view: ProjectedView,
     edges: NDArray[np.int32],
     theme: Theme,
 ) -> None:

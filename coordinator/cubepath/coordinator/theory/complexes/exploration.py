@@ -53,7 +53,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Explored:
+class Exploration:
     """States in the order of discovery, and from each the edges that leave it at end 0.
 
     Every edge of the transition graph leaves exactly one state at end 0 of its action, so the lists
@@ -87,7 +87,7 @@ class Explored:
 
 def explore(
     scene: Scene, *, max_states: int = MAX_STATES, progress: Progress | None = None
-) -> Explored:
+) -> Exploration:
     """Return the states that can be reached from the start, if there are at most `max_states`.
 
     If there are more, the exploration stops within some dozens of states after it has found that. A
@@ -192,7 +192,7 @@ class _Walk:
         proposals = sum(int(starts[bit + 1] - starts[bit]) for bit in modules)
         return _STATE_STEPS * (stop - self.done) * (self.bits.words + proposals)
 
-    def explored(self) -> Explored:
+    def explored(self) -> Exploration:
         """Return what was found, without forbidden states and with each edge once."""
         self._close()
         edges = np.concatenate([np.empty((0, 2), np.int32), *self._blocks])
@@ -210,7 +210,7 @@ class _Walk:
             states = states[kept]
         starts = np.zeros(len(states) + 1, dtype=np.int64)
         np.cumsum(counts, out=starts[1:])
-        return Explored(
+        return Exploration(
             bits=self.bits,
             states=states,
             starts=starts,

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes.cubical_complex import (
     Boundary,
+    CellRows,
     CubicalComplex,
-    Rows,
     boundary_of,
     cofaces,
 )
@@ -119,7 +119,7 @@ def _reduced(chains: _Chains) -> tuple[_Chains, list[Column] | None]:
     complex are left empty, and only the columns, which are exact, may be used.
     """
     boundary = chains.boundary
-    matching = matched(boundary, cofaces(Rows(boundary.start, boundary.face)))
+    matching = matched(boundary, cofaces(CellRows(boundary.start, boundary.face)))
     critical = np.sort(matching.face[matching.face == matching.cell])
     dimension = chains.dimension[critical]
     if len(critical) == chains.count:

@@ -24,7 +24,7 @@ from typing import NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.cubical_complex import Boundary, Cells, Numbers, Rows
+from cubepath.coordinator.theory.complexes.cubical_complex import Boundary, CellRows, Cells, Numbers
 from cubepath.protocol.compiled import compiled
 
 
@@ -42,7 +42,7 @@ class Matching(NamedTuple):
     unit: NDArray[np.int8]
 
 
-def matched(boundary: Boundary, above: Rows) -> Matching:
+def matched(boundary: Boundary, above: CellRows) -> Matching:
     """Match the cells with this boundary; `above` holds the cofaces of every cell."""
     work = 8 * (len(boundary.start) + len(boundary.face))
     return _matched.for_work(work)(boundary, above)
@@ -64,7 +64,7 @@ class _Front(NamedTuple):
 
 
 @compiled
-def _matched(boundary: Boundary, above: Rows) -> Matching:
+def _matched(boundary: Boundary, above: CellRows) -> Matching:
     """Match by coreductions: a cell with one face left and this face; otherwise a critical cell.
 
     `above` holds the cofaces of every cell.
@@ -138,7 +138,7 @@ def _critical(boundary: Boundary, front: _Front) -> int:
 
 
 @compiled
-def _take_away(cell: int, above: Rows, front: _Front) -> None:
+def _take_away(cell: int, above: CellRows, front: _Front) -> None:
     """Remove the cell from those left, and queue its cofaces with one or two faces left."""
     front.gone[cell] = True
     for i in range(above.start[cell], above.start[cell + 1]):
@@ -165,7 +165,7 @@ _SMALL, _LARGE = 4, 12
 """Binary logarithms of the sizes of the blocks of rows in which waiting rows are counted."""
 
 
-class Paths(NamedTuple):
+class MorsePaths(NamedTuple):
     """What each row is replaced by: value[i] times node[i], over start[row] <= i < start[row + 1].
 
     There is a row for each critical cell and for each pair that is reached from one, the last that
@@ -197,7 +197,7 @@ class _Flow(NamedTuple):
     reached: Cells
 
 
-def paths_along(boundary: Boundary, matching: Matching) -> Paths:
+def paths_along(boundary: Boundary, matching: Matching) -> MorsePaths:
     """Return the paths along a matching; its critical cells are numbered in ascending order."""
     times = np.flatnonzero(matching.face == matching.cell)
     times = times[np.argsort(matching.face[times])]
@@ -205,14 +205,14 @@ def paths_along(boundary: Boundary, matching: Matching) -> Paths:
     return written(boundary, matching, len(matching.face) - 1 - times)
 
 
-def morse_columns(paths: Paths, limit: int) -> list[Column] | None:
+def morse_columns(paths: MorsePaths, limit: int) -> list[Column] | None:
     """Return the Morse boundary of every critical cell, as coefficients by critical cell.
 
     With a limit of 0 it uses Python's integers; otherwise it is compiled, and returns None if a
     coefficient exceeds the limit.
     """
     rows, critical = len(paths.start) - 1, len(paths.critical)
-    run: Callable[[int, Paths, _Flow, int], int] = _flow.for_work(100 * critical)
+    run: Callable[[int, MorsePaths, _Flow, int], int] = _flow.for_work(100 * critical)
     total, column = np.zeros(rows, np.int64), np.zeros(critical, np.int64)
     if not limit:
         run = _flow.plain
@@ -237,7 +237,7 @@ def morse_columns(paths: Paths, limit: int) -> list[Column] | None:
 
 
 @compiled
-def _written(boundary: Boundary, matching: Matching, critical: Numbers) -> Paths:
+def _written(boundary: Boundary, matching: Matching, critical: Numbers) -> MorsePaths:
     """Write the rows that can be reached; `critical` holds those of critical cells among all."""
     rows = len(matching.face)
     node_of = np.full(len(boundary.start) - 1, _DROPPED, np.int32)
@@ -269,11 +269,11 @@ def _written(boundary: Boundary, matching: Matching, critical: Numbers) -> Paths
         number[row] = kept
         kept += 1
         start[kept] = used
-    return _renumbered(Paths(start[: kept + 1], node[:used], value[:used], critical), number)
+    return _renumbered(MorsePaths(start[: kept + 1], node[:used], value[:used], critical), number)
 
 
 @compiled
-def _renumbered(paths: Paths, number: Cells) -> Paths:
+def _renumbered(paths: MorsePaths, number: Cells) -> MorsePaths:
     """Give the rows other numbers, in place."""
     for i in range(len(paths.node)):
         if paths.node[i] >= 0:
@@ -284,7 +284,7 @@ def _renumbered(paths: Paths, number: Cells) -> Paths:
 
 
 @compiled
-def _flow(row: int, paths: Paths, flow: _Flow, limit: int) -> int:
+def _flow(row: int, paths: MorsePaths, flow: _Flow, limit: int) -> int:
     """Write the column of the critical cell with this row; return how many it reaches.
 
     Before the call, no row waits, and all coefficients are 0; after it, only those of the reached

@@ -9,7 +9,7 @@ from typing import Any
 
 from cubepath.coordinator.theory.complexes.collapses import contractibility
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.exploration import MAX_STATES, Explored, explore
+from cubepath.coordinator.theory.complexes.exploration import MAX_STATES, Exploration, explore
 from cubepath.coordinator.theory.complexes.homology_groups import Homology, homology
 from cubepath.coordinator.theory.complexes.links import (
     Links,
@@ -166,7 +166,7 @@ def _silent(what: str, done: int, total: int) -> None:
     del what, done, total
 
 
-def _built(explored: Explored, *, with_links: bool) -> StateComplex:
+def _built(explored: Exploration, *, with_links: bool) -> StateComplex:
     counts = f_vector(explored)
     needed = bytes_for(counts) + (bytes_for_links(counts) if with_links else 0)
     if needed > BYTES_MAX:
@@ -249,7 +249,7 @@ def _witnesses(found: ComplexReport, links: Links) -> list[str]:
     return lines
 
 
-def _link_by_link(found: ComplexReport, explored: Explored, progress: Progress) -> None:
+def _link_by_link(found: ComplexReport, explored: Exploration, progress: Progress) -> None:
     """Check the links of the explored states one by one, by the definition."""
     total = len(explored.states)
     found.failing = 0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.exploration import Explored
+from cubepath.coordinator.theory.complexes.exploration import Exploration
 from cubepath.coordinator.theory.complexes.links import following
 from cubepath.coordinator.theory.complexes.state_masks import Numbers, Words, commutes
 from cubepath.protocol.compiled import compiled
@@ -34,7 +34,7 @@ class StateComplex:
     actions are at end 0.
     """
 
-    explored: Explored
+    explored: Exploration
     complex: CubicalComplex
     bases: tuple[Numbers, ...]
     actions: tuple[Numbers, ...]
@@ -52,7 +52,7 @@ class StateComplex:
         return int(self.bases[dimension][number]), found
 
 
-def f_vector(explored: Explored) -> tuple[int, ...]:
+def f_vector(explored: Exploration) -> tuple[int, ...]:
     """Return the number of cubes of each dimension, without keeping the cubes.
 
     CheckError if not all states were explored.
@@ -62,7 +62,7 @@ def f_vector(explored: Explored) -> tuple[int, ...]:
     return tuple(int(count) for count in counts.sum(axis=0, dtype=np.int64))
 
 
-def _all_explored(explored: Explored) -> None:
+def _all_explored(explored: Exploration) -> None:
     if not explored.complete:
         raise CheckError(
             f"{explored.scene.spec}: only a part was explored ({len(explored.states)} states), so"
@@ -75,7 +75,7 @@ def bytes_for(counts: Sequence[int]) -> int:
     return sum(4 * count * (3 * k + 1) for k, count in enumerate(counts))
 
 
-def state_complex(explored: Explored) -> StateComplex:
+def state_complex(explored: Exploration) -> StateComplex:
     """Return the complex on the explored states; CheckError if not all states were explored."""
     _all_explored(explored)
     counts = _counts(explored)
@@ -115,7 +115,7 @@ class _Cubes(NamedTuple):
     """Where the children of each cube begin, shape (cubes + 1,)."""
 
 
-def _cubes(explored: Explored, sizes: list[int]) -> list[_Cubes]:
+def _cubes(explored: Exploration, sizes: list[int]) -> list[_Cubes]:
     """Return the cubes of each dimension, given how many there are."""
     offsets = np.cumsum([0, *(k * size for k, size in enumerate(sizes))], dtype=np.int64)
     flat = np.empty(int(offsets[-1]), dtype=np.int32)
@@ -134,7 +134,7 @@ def _cubes(explored: Explored, sizes: list[int]) -> list[_Cubes]:
 
 
 class _Edges(NamedTuple):
-    """The arrays of `Explored`, for compiled code."""
+    """The arrays of `Exploration`, for compiled code."""
 
     starts: NDArray[np.int64]
     actions: Numbers
@@ -142,7 +142,7 @@ class _Edges(NamedTuple):
     masks: Words
 
 
-def _edges(explored: Explored) -> _Edges:
+def _edges(explored: Exploration) -> _Edges:
     return _Edges(explored.starts, explored.actions, explored.targets, explored.bits.masks())
 
 
@@ -151,7 +151,7 @@ _EDGE_STEPS = 8
 """Steps of work for an edge or a face, which is about its microseconds in plain Python."""
 
 
-def _most(explored: Explored) -> int:
+def _most(explored: Exploration) -> int:
     """Return the largest size of a set of commuting actions, or `_LOCAL` for a local system.
 
     In a system with a global rule, commuting actions alone do not make a cube: all corners must be
@@ -164,13 +164,13 @@ def _most(explored: Explored) -> int:
     return _count.for_work(_clique_steps(explored))(_edges(explored), _LOCAL, counts)
 
 
-def _clique_steps(explored: Explored) -> int:
+def _clique_steps(explored: Exploration) -> int:
     """Return roughly how many steps it takes to look at all sets of commuting actions."""
     degrees = np.diff(explored.starts)
     return _EDGE_STEPS * int((degrees * degrees).sum() + len(degrees))
 
 
-def _counts(explored: Explored) -> Numbers:
+def _counts(explored: Exploration) -> Numbers:
     """Return for each state the number of cubes of each dimension that have it as their base."""
     most = int(np.diff(explored.starts).max(initial=0))
     counts = np.zeros((len(explored.states), most + 1), dtype=np.int32)

@@ -177,7 +177,7 @@ def _directions(count: int) -> Points:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class ProjectedView:
     """Positions as they are seen: in the plane, shape (vertices, 2), and how near each is."""
 
     places: Points
@@ -185,7 +185,7 @@ class View:
     """From 0, the farthest vertex, to 1, the nearest."""
 
 
-def best_view(points: Points, edges: NDArray[np.int32]) -> View:
+def best_view(points: Points, edges: NDArray[np.int32]) -> ProjectedView:
     """Return points in space, shape (vertices, 3), as seen from where the most is told apart.
 
     Looked at from many sides, the one is taken from which vertices are farthest from their nearest
@@ -205,7 +205,7 @@ def best_view(points: Points, edges: NDArray[np.int32]) -> View:
     depth = seen[:, 2]
     spread = float(np.ptp(depth))
     near = (depth - depth.min()) / spread if spread > 1e-9 else np.ones(len(depth))
-    return View(flat @ across, near)
+    return ProjectedView(flat @ across, near)
 
 
 def _turned_to(towards: Points) -> Points:

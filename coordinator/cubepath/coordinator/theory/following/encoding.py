@@ -46,7 +46,7 @@ class TooLargeError(CubepathError):
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class VehicleTask:
     """Vehicles on a graph: where each begins and ends; the vertices are cells (x, y).
 
     `edges` are those of the workspace, `rule` that by which vehicles may follow.
@@ -101,10 +101,10 @@ class Task:
 
 
 @dataclass(eq=False)
-class Clauses:
+class VehicleClauses:
     """Clauses as arrays: clause c is ``literals[ends[c - 1]:ends[c]]``, the first from 0 on."""
 
-    task: Task
+    task: VehicleTask
     rounds: int
     at: list[list[dict[Site, int]]] = field(default_factory=list[list[dict[Site, int]]])
     """The variable of a vehicle at a vertex: by vehicle, time and vertex."""
@@ -177,13 +177,15 @@ def cell_of(site: Site) -> Cell:
             raise TypeError(f"{site!r} is no cell (x, y)")
 
 
-def clauses_of(task: Task, rounds: int, go_on: Callable[[], object] = lambda: None) -> Clauses:
+def clauses_of(
+    task: VehicleTask, rounds: int, go_on: Callable[[], object] = lambda: None
+) -> VehicleClauses:
     """Return clauses that can be satisfied iff `rounds` rounds are enough.
 
     `go_on` is called now and then, and may raise to give up. TooLargeError if there are more than
     `LITERALS_MAX` literals of them.
     """
-    found = Clauses(task, rounds)
+    found = VehicleClauses(task, rounds)
     places = task.places
     for who, (forth, back) in enumerate(task.windows):
         go_on()
@@ -211,7 +213,7 @@ def clauses_of(task: Task, rounds: int, go_on: Callable[[], object] = lambda: No
     return found
 
 
-def _standing(found: Clauses, t: int) -> dict[Site, dict[int, int]]:
+def _standing(found: VehicleClauses, t: int) -> dict[Site, dict[int, int]]:
     """Return who can be at each vertex at a time: the variables by vehicle."""
     standing: dict[Site, dict[int, int]] = {}
     for who, times in enumerate(found.at):
@@ -220,7 +222,7 @@ def _standing(found: Clauses, t: int) -> dict[Site, dict[int, int]]:
     return standing
 
 
-def _add_ways(found: Clauses, times: Sequence[dict[Site, int]]) -> None:
+def _add_ways(found: VehicleClauses, times: Sequence[dict[Site, int]]) -> None:
     """Add that a vehicle is somewhere, and goes along edges or stays."""
     beside = found.task.beside
     found.add(*times[0].values())  # its start, or none: then nothing can be satisfied
@@ -241,7 +243,7 @@ def _known(names: dict[Site, int], cells: Iterable[Site]) -> list[int]:
     return [names[v] for v in cells if v in names]
 
 
-def _at_most_one(found: Clauses, names: dict[int, int], v: Site, t: int) -> None:
+def _at_most_one(found: VehicleClauses, names: dict[int, int], v: Site, t: int) -> None:
     """Add that at most one vehicle is at a vertex; a ladder is Sinz's sequential counter (2005)."""
     if len(names) <= _PAIRS_MAX:
         for one, other in combinations(names.values(), 2):
@@ -259,7 +261,7 @@ def _at_most_one(found: Clauses, names: dict[int, int], v: Site, t: int) -> None
             before = some
 
 
-def _add_edges(found: Clauses, t: int, standing: dict[Site, dict[int, int]]) -> None:
+def _add_edges(found: VehicleClauses, t: int, standing: dict[Site, dict[int, int]]) -> None:
     """Add what may happen along edges in round t + 1."""
     task = found.task
     goes: dict[tuple[Site, Site], int] = {}

@@ -29,7 +29,7 @@ from cubepath.protocol.path_files.following import (
 from cubepath.protocol.path_files.following_proofs import FollowingProof
 from cubepath.protocol.path_files.npz import is_npz
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
-from cubepath.protocol.plans.imported import Imported, VehiclePlan
+from cubepath.protocol.plans.imported import ImportedPath, VehiclePlan
 from cubepath.protocol.plans.scenario import is_scenario, read_scenario
 from cubepath.protocol.recordings.recording import is_recording
 
@@ -59,7 +59,7 @@ def read_vehicle_plan(
     with opened(source) as file:
         check_not_empty(file)
         path = file.path
-        found: Imported | None = None
+        found: ImportedPath | None = None
         if is_following(file):
             raise InputError(f"{path}: a timetable of vehicles that follow already; {_EXPECTED}")
         if is_recording(file):
@@ -150,6 +150,7 @@ def fewest_rounds_proof(refuted: Refuted, timetable: FollowingFile) -> Following
     ... )
     >>> plan = read_vehicle_plan("cross.json")
     >>> own = timetable_file(following_timetable(plan, "cgshop"))
+    >>> from cubepath.coordinator.theory.following.optimum import fewest_rounds
     >>> with ExitStack() as logs:
     ...     best = fewest_rounds(plan, "cgshop", within=4, seconds=60, logs=logs)
     ...     checked = check_fewest_rounds(fewest_rounds_proof(best.refuted, own))

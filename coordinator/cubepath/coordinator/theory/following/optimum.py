@@ -19,10 +19,10 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 
 from cubepath.coordinator.theory.following.encoding import (
-    Clauses,
     Schedule,
-    Task,
     TooLargeError,
+    VehicleClauses,
+    VehicleTask,
     clauses_of,
 )
 from cubepath.coordinator.theory.following.timetable import Rule
@@ -31,9 +31,9 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     LOG_MAX,
     SECOND_SOLVER,
     SOLVER,
-    Answer,
-    Problem,
+    SolverAnswer,
     SolverError,
+    SolverProblem,
     SolverProcess,
     check_installed,
 )
@@ -53,10 +53,10 @@ class Refuted:
     vehicle has further to go.
     """
 
-    task: Task
+    task: VehicleTask
     rounds: int
     why: str
-    clauses: Clauses | None = None
+    clauses: VehicleClauses | None = None
     log: IO[bytes] | None = None
 
 
@@ -129,7 +129,7 @@ def fewest_rounds(
     (1, 1, True)
     """
     check_installed("--prove")
-    task = Task(plan.starts, plan.ends, plan.edges(), rule)
+    task = VehicleTask(plan.starts, plan.ends, plan.edges(), rule)
     search = _Search(task, within, seed, tick, log_max)
     with ExitStack() as stack:
         search.run(seconds, stack if logs is None else logs)
@@ -150,7 +150,7 @@ class _Search:
 
     def __init__(
         self,
-        task: Task,
+        task: VehicleTask,
         within: int,
         seed: int,
         tick: Callable[[int], object] | None,
@@ -220,7 +220,7 @@ class _Search:
         self.agreed = rounds + 1
         return True
 
-    def _note(self, rounds: int, clauses: Clauses, log: IO[bytes]) -> None:
+    def _note(self, rounds: int, clauses: VehicleClauses, log: IO[bytes]) -> None:
         """Note that so many rounds are refuted, in a way that can be checked."""
         if self.refuted is not None and self.refuted.log is not None:
             self.refuted.log.close()
@@ -241,8 +241,8 @@ def _log(logs: ExitStack) -> IO[bytes]:
 
 
 def _answered(
-    solver: SolverProcess, problem: Problem, end: float, seed: int, log: IO[bytes] | None
-) -> Answer | None:
+    solver: SolverProcess, problem: SolverProblem, end: float, seed: int, log: IO[bytes] | None
+) -> SolverAnswer | None:
     """Return the answer of a solver, None if the time is up before."""
     if time.monotonic() >= end:
         return None

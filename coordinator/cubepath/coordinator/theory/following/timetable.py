@@ -82,7 +82,7 @@ Pairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TimetableStep:
     """Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
 
     places: tuple[int, ...]
@@ -107,7 +107,7 @@ class FollowingTimetable:
     plan: VehiclePlan
     rule: Rule
     cancelled: Pairs
-    steps: tuple[Step, ...]
+    steps: tuple[TimetableStep, ...]
     starts: dict[int, Fraction]
     durations: dict[int, Fraction]
     binding: dict[int, int | None]
@@ -197,9 +197,9 @@ def following_timetable(
     )
 
 
-def steps_of(plan: VehiclePlan) -> list[Step]:
+def steps_of(plan: VehiclePlan) -> list[TimetableStep]:
     """Return the steps of a plan in its order: rotations, and all other moves one by one."""
-    found: list[Step] = []
+    found: list[TimetableStep] = []
     moves = plan.moves
     place = 0
     while place < len(moves):
@@ -209,7 +209,7 @@ def steps_of(plan: VehiclePlan) -> list[Step]:
             end += 1
         train = tuple(range(place, end))
         rotates = _closes(moves, place, end)
-        found += [Step(train)] if rotates else [Step((each,)) for each in train]
+        found += [TimetableStep(train)] if rotates else [TimetableStep((each,)) for each in train]
         place = end
     return found
 
@@ -225,7 +225,9 @@ def _closes(moves: Sequence[VehicleMove], first: int, end: int) -> bool:
     return end > first + 1 and moves[first].target == moves[end - 1].source
 
 
-def _reduced(plan: VehiclePlan, steps: Sequence[Step]) -> tuple[Pairs, list[Step]]:
+def _reduced(
+    plan: VehiclePlan, steps: Sequence[TimetableStep]
+) -> tuple[Pairs, list[TimetableStep]]:
     """Return the pairs of moves that cancel, and the steps that are left."""
     moves = plan.moves
     pairs: list[tuple[int, int]] = []
@@ -252,7 +254,7 @@ def _reduced(plan: VehiclePlan, steps: Sequence[Step]) -> tuple[Pairs, list[Step
 
 
 def _undone(
-    moves: Sequence[VehicleMove], earlier: Step, later: Step
+    moves: Sequence[VehicleMove], earlier: TimetableStep, later: TimetableStep
 ) -> list[tuple[int, int]] | None:
     """Return the pairs of moves by which a step takes back an earlier one, None if it does not."""
     by_vehicle = {moves[place].vehicle: place for place in earlier.places}
@@ -284,7 +286,7 @@ def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Fraction]
 
 
 def _least(
-    moves: Sequence[VehicleMove], steps: Sequence[Step], times: Sequence[int], rule: Rule
+    moves: Sequence[VehicleMove], steps: Sequence[TimetableStep], times: Sequence[int], rule: Rule
 ) -> tuple[dict[int, int], dict[int, int | None]]:
     """Return the earliest start of each move that is left, and the move that binds it."""
     starts: dict[int, int] = {}
@@ -313,14 +315,14 @@ def _least(
     return starts, binding
 
 
-def _bind_rotation(step: Step, bound: int, binding: dict[int, int | None]) -> None:
+def _bind_rotation(step: TimetableStep, bound: int, binding: dict[int, int | None]) -> None:
     """Let every move of a rotation but one follow the move whose vertex it enters."""
     places = step.places
     ahead = zip(places, (places[-1], *places), strict=False)
     binding.update((place, before) for place, before in ahead if place != bound)
 
 
-def _rotation(plan: VehiclePlan, step: Step) -> str:
+def _rotation(plan: VehiclePlan, step: TimetableStep) -> str:
     """Return the beginning of an error on a rotation: the file, the round, who and where."""
     moves = [plan.moves[place] for place in step.places]
     who = [str(move.vehicle) for move in moves]

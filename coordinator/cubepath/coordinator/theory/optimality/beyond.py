@@ -20,11 +20,11 @@ import numpy as np
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
-from cubepath.coordinator.theory.optimality.stages import Between, Look, Tick
-from cubepath.coordinator.theory.optimality.tasks import Task, placement_of
+from cubepath.coordinator.theory.optimality.stages import Between, OptimalityStages, Tick
+from cubepath.coordinator.theory.optimality.tasks import PathTask, placement_of
 from cubepath.coordinator.theory.satisfiability.solver_process import check_installed
-from cubepath.coordinator.theory.search.anytime import CubePath, Improved
-from cubepath.coordinator.theory.search.budget import Stage
+from cubepath.coordinator.theory.search.anytime import CubePath, Improvement
+from cubepath.coordinator.theory.search.budget import SearchStage
 from cubepath.coordinator.theory.search.exact import MAX_STATES
 from cubepath.coordinator.theory.search.own_ends import ends_of
 from cubepath.protocol.core.actions import Action
@@ -37,7 +37,7 @@ _BEFORE_PROOF = 0.15
 
 
 @dataclass(frozen=True)
-class Beyond:
+class OptimalityReport:
     """What is known beyond the class of a path; the keys that ``shorten --json`` adds.
 
     `improved` is the number of cubes after the search, None if no search was asked for.
@@ -55,7 +55,7 @@ class Beyond:
     optimal: bool | None
     only_class: bool | None
     why: str
-    spent: tuple[Stage, ...]
+    spent: tuple[SearchStage, ...]
     agreed: int | None
     proof: str | None
     _cube_path: Callable[[], CubePath] = field(repr=False, compare=False)
@@ -80,7 +80,7 @@ class Beyond:
 
 
 def beyond(
-    task: Task,
+    task: PathTask,
     found: Shortened | None = None,
     *,
     seconds: float | None = None,
@@ -89,10 +89,10 @@ def beyond(
     max_states: int = MAX_STATES,
     prove: float | None = None,
     proof: Path | str | None = None,
-    watch: Callable[[Improved], object] | None = None,
+    watch: Callable[[Improvement], object] | None = None,
     tick: Tick | None = None,
     between: Between | None = None,
-) -> Beyond:
+) -> OptimalityReport:
     """Look beyond the class of a path: improve it if time is given, and bound what is possible.
 
     `seconds` is the time for all stages together. Without it each stage is bounded by the number of
@@ -118,7 +118,7 @@ def beyond(
     asked = seconds is not None or iterations is not None or prove is not None
     if prove is not None:
         check_installed("a proof")
-    look = Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
+    look = OptimalityStages(task, found, seconds=seconds, max_states=max_states, tick=tick)
     if prove is not None and seconds is None and iterations is None:
         look.share(prove, _BEFORE_PROOF)
     look.ask_for_classes()
@@ -131,7 +131,7 @@ def beyond(
         look.prove(prove, seed=seed, proof=proof, watch=watch, between=between)
     if look.better is not None:
         _check(task, look.better)
-    return Beyond(
+    return OptimalityReport(
         improved=look.cubes if asked else None,
         lower_bound=look.bound.cubes,
         optimal=True if look.cubes == look.bound.cubes else False if look.shorter else None,
@@ -145,7 +145,7 @@ def beyond(
     )
 
 
-def _check(task: Task, cubes: CubePath) -> None:
+def _check(task: PathTask, cubes: CubePath) -> None:
     try:
         end = end_state(cubes, task.start)
     except InputError as error:
@@ -158,7 +158,7 @@ def _check(task: Task, cubes: CubePath) -> None:
             raise CheckError("the improved path takes a vehicle to another's end")
 
 
-def _named(task: Task, found: Shortened, cubes: CubePath | None) -> NamedPath:
+def _named(task: PathTask, found: Shortened, cubes: CubePath | None) -> NamedPath:
     """Return the names of the moves of a better path, or without one of the normal cube path."""
     if cubes is None:
         return found.named

@@ -16,13 +16,13 @@ import numpy as np
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.theory.optimality.optimality_proof import proof_of
-from cubepath.coordinator.theory.optimality.tasks import Task
+from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.proving import WINDOWS, Prover
 from cubepath.coordinator.theory.satisfiability.window_bounds import window_bound
-from cubepath.coordinator.theory.search.anytime import CubePath, Improved, improve, prepare_all
-from cubepath.coordinator.theory.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.theory.search.anytime import CubePath, Improvement, improve, prepare_all
+from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.exact import Optimum, optimum, too_wide
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.own_ends import OwnEnds
@@ -50,12 +50,12 @@ _SETS_A_STATE = 40
 """Without a time limit, the exhaustive search may look at so many sets of moves per state."""
 
 
-class Look:
+class OptimalityStages:
     """What is known beyond the class of a path, stage by stage."""
 
     def __init__(
         self,
-        task: Task,
+        task: PathTask,
         found: Shortened | None,
         *,
         seconds: float | None,
@@ -78,7 +78,7 @@ class Look:
         self._found = found
         self._stopped = False
         self._compiled = False
-        self.stages: list[Stage] = []
+        self.stages: list[SearchStage] = []
         self.better: CubePath | None = None
         """The best path, if it is not the normal cube path."""
         self.bound = Bound(0, "no move")
@@ -128,7 +128,7 @@ class Look:
         return len(self.best)
 
     def _stage(
-        self, name: str, job: Callable[[Stage, Budget], None], steps: int | None = None
+        self, name: str, job: Callable[[SearchStage, Budget], None], steps: int | None = None
     ) -> None:
         """Do a job in its share of the time, or else in `steps` steps, and note what it spent."""
         tick = self._tick
@@ -139,7 +139,7 @@ class Look:
             steps=steps if share is None else None,
             tick=None if tick is None else partial(tick, name),
         )
-        stage = Stage(name)
+        stage = SearchStage(name)
         self.stages.append(stage)
         begun = time.monotonic()
         try:
@@ -162,7 +162,7 @@ class Look:
     def ask_for_classes(self) -> None:
         """Find out whether there is only one class, and so nothing beyond it."""
 
-        def job(stage: Stage, budget: Budget) -> None:
+        def job(stage: SearchStage, budget: Budget) -> None:
             self._steps.budget = budget
             self.only = only_class(self._steps, self._start)
             stage.steps = budget.steps
@@ -175,7 +175,7 @@ class Look:
     def bound_from_below(self) -> None:
         """Bound the cubes of every path between the ends."""
 
-        def job(stage: Stage, budget: Budget) -> None:
+        def job(stage: SearchStage, budget: Budget) -> None:
             found = lower_bound(
                 self._system, self._start, self._goal, within=self.cubes, budget=budget
             )
@@ -193,7 +193,7 @@ class Look:
     def bound_by_windows(self) -> None:
         """Bound the cubes of every path by when each site can have which value."""
 
-        def job(stage: Stage, budget: Budget) -> None:
+        def job(stage: SearchStage, budget: Budget) -> None:
             def raised(rounds: int) -> None:
                 stage.steps = len(self._met.actions)
                 self._raise_bound(Bound(rounds + 1, WINDOWS))
@@ -230,7 +230,7 @@ class Look:
         """Search the states around both ends; with `take`, an optimum becomes the best path."""
         most = self.cubes - 1
 
-        def job(stage: Stage, budget: Budget) -> None:
+        def job(stage: SearchStage, budget: Budget) -> None:
             if self._is_wide():
                 exact = Optimum(1, None, 2)
             else:
@@ -268,18 +268,18 @@ class Look:
         *,
         iterations: int | None,
         seed: int,
-        watch: Callable[[Improved], object] | None,
+        watch: Callable[[Improvement], object] | None,
     ) -> None:
         """Search for a better path in the remaining time."""
-        task, timed, by_sat = self._task, iterations is None, Stage(STAGE)
+        task, timed, by_sat = self._task, iterations is None, SearchStage(STAGE)
         kept: list[CubePath] = []
 
-        def keep(better: Improved) -> None:
+        def keep(better: Improvement) -> None:
             kept.append(better.cube_path)
             if watch is not None:
                 watch(better)
 
-        def job(stage: Stage, _budget: Budget) -> None:
+        def job(stage: SearchStage, _budget: Budget) -> None:
             def count(steps: int) -> None:
                 stage.steps = steps
                 if self._tick is not None:
@@ -317,7 +317,7 @@ class Look:
         clauses = timed and not self._compiled
         taken: list[bool] = []
 
-        def job(_stage: Stage, _budget: Budget) -> None:
+        def job(_stage: SearchStage, _budget: Budget) -> None:
             taken.append(prepare_all(system, with_solver=clauses))
 
         self._stage("compile", job)
@@ -331,7 +331,7 @@ class Look:
         *,
         seed: int,
         proof: Path | str | None,
-        watch: Callable[[Improved], object] | None,
+        watch: Callable[[Improvement], object] | None,
         between: Between | None,
     ) -> None:
         """Search for the optimum by SAT solvers; write the refutation of less, if asked to.
@@ -341,7 +341,7 @@ class Look:
         if self._stopped or (proof is None and self.bound.cubes == self.cubes):
             return
 
-        def job(stage: Stage, budget: Budget) -> None:
+        def job(stage: SearchStage, budget: Budget) -> None:
             stage.why = self._without_clauses()
             if stage.why is not None:
                 if self._start != self._goal:
@@ -373,12 +373,12 @@ class Look:
 
     def _ask_solvers(
         self,
-        stage: Stage,
+        stage: SearchStage,
         budget: Budget,
         *,
         seed: int,
         proof: Path | str | None,
-        watch: Callable[[Improved], object] | None,
+        watch: Callable[[Improvement], object] | None,
         between: Between | None,
     ) -> None:
         """Search until the budget is spent, and take what was found, however that ends."""
@@ -386,7 +386,7 @@ class Look:
         def keep(path: CubePath) -> None:
             self.better = self._plain(path)
             if watch is not None:
-                watch(Improved(self.better, stage.steps, 0))
+                watch(Improvement(self.better, stage.steps, 0))
 
         def count() -> None:
             stage.steps = prover.problems

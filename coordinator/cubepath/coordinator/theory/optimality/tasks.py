@@ -22,7 +22,7 @@ State = frozenset[Site]
 
 
 @dataclass(frozen=True)
-class Task:
+class PathTask:
     """The task that a path solves: its start and end, and the system whose moves it may use.
 
     Without a system the moves are those of `path`. With `labelled_goals` the vehicles of a graph
@@ -42,7 +42,7 @@ class Task:
         return end_state(self.path, self.start) if self.end is None else self.end
 
 
-def task_of(found: Shortened) -> Task:
+def task_of(found: Shortened) -> PathTask:
     """Return the task of a path that was shortened.
 
     Where a plan's vehicles have goals of their own, each must end where the path takes it.
@@ -50,6 +50,7 @@ def task_of(found: Shortened) -> Task:
     does not have: the possible moves are then unknown.
 
     >>> task = task_of(shorten(play("hex:n=4")))
+    >>> from cubepath.protocol.core.sites import in_order
     >>> in_order(task.start), in_order(task.goal)
     (((0, 0), (1, 0), (2, 0), (3, 0)), ((3, 0), (3, 1), (3, 2), (3, 3)))
     """
@@ -65,10 +66,10 @@ def task_of(found: Shortened) -> Task:
                     f"{given.source}: {action!r} is no move of {scene.spec}: expected moves of the"
                     " system, or no --system, to look beyond the class"
                 )
-    return Task(actions, scene.start_state, scene.system, labelled_goals=given.labelled_goals)
+    return PathTask(actions, scene.start_state, scene.system, labelled_goals=given.labelled_goals)
 
 
-def _of_moves_alone(given: PathInput) -> Task:
+def _of_moves_alone(given: PathInput) -> PathTask:
     """Return the task of self-contained moves: no moves exist but those that occur."""
     if given.start is None:
         name = given.numbered.name(int(np.flatnonzero(given.numbered.ends < 0)[0]))
@@ -76,7 +77,7 @@ def _of_moves_alone(given: PathInput) -> Task:
             f'{given.source}: move {name!r} has no "before" and "after": expected both, or'
             " --system SYSTEM, to look beyond the class"
         )
-    return Task(given.actions, given.start, None, end=end_of(given.numbered, given.start))
+    return PathTask(given.actions, given.start, None, end=end_of(given.numbered, given.start))
 
 
 def placement_of(system: System, action: Action) -> GeneratorPlacement | None:

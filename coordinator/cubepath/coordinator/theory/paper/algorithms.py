@@ -62,7 +62,7 @@ from cubepath.protocol.core.sites import Site
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class MoveWindow:
     """The earliest and the latest cube, from 1, in which a move may lie in a shortest schedule."""
 
     action: Action
@@ -70,7 +70,7 @@ class Window:
     latest: int
 
 
-def envelope(cubes: Sequence[Sequence[Action]]) -> tuple[Window, ...]:
+def envelope(cubes: Sequence[Sequence[Action]]) -> tuple[MoveWindow, ...]:
     """Return the windows of all moves of a normal cube path, in its order.
 
     One pass forwards and one back, each move at the cost of its support.
@@ -80,7 +80,7 @@ def envelope(cubes: Sequence[Sequence[Action]]) -> tuple[Window, ...]:
     latest = _levels(moves[::-1])[::-1]
     length = len(cubes)
     return tuple(
-        Window(action, first, length + 1 - last)
+        MoveWindow(action, first, length + 1 - last)
         for action, first, last in zip(moves, earliest, latest, strict=True)
     )
 

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable
 from time import perf_counter
 
 from cubepath.coordinator.theory.paper import curvature, examples, geodesics_and_time, topology
-from cubepath.coordinator.theory.paper.registry import Claim, Row
+from cubepath.coordinator.theory.paper.registry import ClaimResult, PaperClaim
 
 
-def all_claims() -> tuple[Claim, ...]:
+def all_claims() -> tuple[PaperClaim, ...]:
     """Return all claims in the order of the paper.
 
     >>> claim = all_claims()[0]
@@ -30,8 +30,8 @@ def all_claims() -> tuple[Claim, ...]:
 
 
 def compute_claims(
-    claims: Iterable[Claim], progress: Callable[[Row], object] | None = None
-) -> list[Row]:
+    claims: Iterable[PaperClaim], progress: Callable[[ClaimResult], object] | None = None
+) -> list[ClaimResult]:
     """Compute the claims one after another; `progress` is called with each row when it is done.
 
     >>> for row in compute_claims(all_claims()[:1]):
@@ -43,7 +43,7 @@ def compute_claims(
         began = perf_counter()
         computed, agrees = each.compute()
         seconds = perf_counter() - began
-        row = Row(each.item, each.claim, computed, agrees, agrees is each.expected, seconds)
+        row = ClaimResult(each.item, each.claim, computed, agrees, agrees is each.expected, seconds)
         rows.append(row)
         if progress is not None:
             progress(row)

@@ -8,10 +8,10 @@ from cubepath.coordinator.theory.complexes.links import check_links, unfilled
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.paper.euclidean_geodesics import chains, geodesics
 from cubepath.coordinator.theory.paper.examples import small_systems
-from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
+from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
 from cubepath.protocol.scenes.specs import scene_from_spec
 
-CLAIMS: list[Claim] = []
+CLAIMS: list[PaperClaim] = []
 
 
 @claim(CLAIMS, "6, theorem on curvature", "the state complex of any local system is NPC")

@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 
-from cubepath.coordinator.theory.complexes.exploration import Explored, explore
+from cubepath.coordinator.theory.complexes.exploration import Exploration, explore
 from cubepath.coordinator.theory.complexes.links import actions_at
 from cubepath.coordinator.theory.complexes.state_complexes import f_vector
-from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
+from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
 from cubepath.protocol.core.errors import InputError
@@ -20,7 +20,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import COMPASS
 from cubepath.protocol.systems.lattice import LatticeSystem
 
-CLAIMS: list[Claim] = []
+CLAIMS: list[PaperClaim] = []
 
 SYSTEMS = (
     "hex:n=3,base=1",
@@ -41,7 +41,7 @@ SYSTEMS = (
 
 
 @cache
-def small_systems() -> dict[str, Explored]:
+def small_systems() -> dict[str, Exploration]:
     """Return a small scene of every local system, explored."""
     return {spec: explore(scene_from_spec(spec)) for spec in SYSTEMS}
 

@@ -30,11 +30,11 @@ from cubepath.coordinator.theory.paper.euclidean_geodesics import (
     diagonals,
     normal_cube_paths,
 )
-from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
+from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.scenes.specs import scene_from_spec
 
-CLAIMS: list[Claim] = []
+CLAIMS: list[PaperClaim] = []
 
 
 def toggle(*sites: str) -> Action:

@@ -16,7 +16,7 @@ Outcome = tuple[str, bool | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class PaperClaim:
     """One claim of the paper, and how to compute it.
 
     `expected` is the known result: True for most claims, False if the printed text falls short,
@@ -30,7 +30,7 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ClaimResult:
     """One claim with its computed result, and how long the computation took."""
 
     item: str
@@ -52,12 +52,12 @@ class Row:
 
 
 def claim(
-    claims: list[Claim], item: str, text: str, *, expected: bool | None = True
+    claims: list[PaperClaim], item: str, text: str, *, expected: bool | None = True
 ) -> Callable[[Callable[[], Outcome]], Callable[[], Outcome]]:
     """Add the decorated function to a list of claims."""
 
     def add(compute: Callable[[], Outcome]) -> Callable[[], Outcome]:
-        claims.append(Claim(item, text, compute, expected))
+        claims.append(PaperClaim(item, text, compute, expected))
         return compute
 
     return add

@@ -26,7 +26,7 @@ from cubepath.coordinator.theory.complexes.shape_complexes import (
 )
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
-from cubepath.coordinator.theory.paper.registry import Claim, Outcome, claim
+from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, apply, commute, end_at
 from cubepath.protocol.core.catalogue import HEXAGONS
 from cubepath.protocol.core.sites import Site
@@ -36,7 +36,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 
-CLAIMS: list[Claim] = []
+CLAIMS: list[PaperClaim] = []
 T = TypeVar("T")
 
 

@@ -28,7 +28,7 @@ from itertools import combinations
 import numpy as np
 
 from cubepath.coordinator.theory.proof_checking.following import Cell, why_not_in_rounds
-from cubepath.coordinator.theory.proof_checking.refutation_clauses import Clauses
+from cubepath.coordinator.theory.proof_checking.refutation_clauses import ProofClauses
 from cubepath.coordinator.theory.proof_checking.unit_propagation import Refuter, dimacs
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.formatting import counted
@@ -181,7 +181,7 @@ class FollowingClauses:
         for (source, target), time, _, _ in self._followed():
             yield GOES, source, target, time
 
-    def clauses(self) -> Clauses:
+    def clauses(self) -> ProofClauses:
         """Return all clauses, once each variable has its number.
 
         Literals are ``2 * variable`` and, negated, ``2 * variable + 1``.
@@ -191,7 +191,9 @@ class FollowingClauses:
             for clause in part:
                 flat.extend(clause)
                 cuts.append(len(flat))
-        return Clauses(np.frombuffer(flat, dtype=np.int32), np.frombuffer(cuts, dtype=np.int64))
+        return ProofClauses(
+            np.frombuffer(flat, dtype=np.int32), np.frombuffer(cuts, dtype=np.int64)
+        )
 
     def _ways(self) -> Iterator[list[int]]:
         """Yield that each vehicle is somewhere, and goes along edges or stays."""
@@ -264,7 +266,7 @@ _CHUNK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class ProvedFewest:
+class FewestRoundsResult:
     """What a proof proves that was checked.
 
     No timetable has `refuted` rounds or fewer, and one has `rounds`. If not `proved`, two solvers
@@ -287,7 +289,7 @@ class ProvedFewest:
 
 def check_fewest_rounds(
     proof: FollowingProof, tell: Callable[[str, int], object] | None = None
-) -> ProvedFewest:
+) -> FewestRoundsResult:
     """Check a proof and return what it proves.
 
     `tell` is told what is being done, and how much since the last call. Raises CheckError, in one
@@ -340,7 +342,7 @@ class FollowingRefutation:
         return [self._places[cell] for cell in cells]
 
     @cached_property
-    def _derived(self) -> Clauses | None:
+    def _derived(self) -> ProofClauses | None:
         """The clauses; None if a vehicle has further to go than there are rounds."""
         proof = self.proof
         if len(proof.starts) != len(proof.ends):
@@ -408,9 +410,9 @@ class FollowingRefutation:
         return f"{who} is at {there} after {time} rounds"
 
     @property
-    def clauses(self) -> Clauses:
+    def clauses(self) -> ProofClauses:
         """The clauses; an empty one if a vehicle has further to go than there are rounds."""
-        return Clauses.empty() if self._derived is None else self._derived
+        return ProofClauses.empty() if self._derived is None else self._derived
 
     def dimacs(self) -> Iterator[bytes]:
         """Yield the clauses as a DIMACS file, for other checkers."""
@@ -435,7 +437,7 @@ class FollowingRefutation:
         apart = told ^ {frozenset(edge) for edge in plan.edges()}
         return "has another workspace: its edges are not those of the proof" if apart else None
 
-    def checked(self) -> ProvedFewest:
+    def checked(self) -> FewestRoundsResult:
         """Return what the proof proves; CheckError for the first thing that does not hold."""
         proof, rounds = self.proof, len(self.proof.schedule)
         if rounds <= proof.refuted:
@@ -451,11 +453,13 @@ class FollowingRefutation:
         if (clauses is None or not proved) and any(proof.log):
             raise CheckError("there is a log, and nothing that it would be needed for")
         if clauses is None:
-            return ProvedFewest(proof.refuted, rounds, proved, 0, 0, 0)
+            return FewestRoundsResult(proof.refuted, rounds, proved, 0, 0, 0)
         lemmas = 0
         if proved:
             lemmas = Refuter(variables, *clauses).follow(proof.log, self._tell)
-        return ProvedFewest(proof.refuted, rounds, proved, variables, len(clauses.ends), lemmas)
+        return FewestRoundsResult(
+            proof.refuted, rounds, proved, variables, len(clauses.ends), lemmas
+        )
 
     def _check_schedule(self) -> None:
         proof, at = self.proof, list(self.proof.starts)

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.theory.proof_checking.refutation_clauses import (
-    Clauses,
+    ProofClauses,
     clauses_of,
     roles_of,
 )
@@ -35,7 +35,7 @@ Tell = Callable[[str, int], object]
 
 
 @dataclass(frozen=True, slots=True)
-class ProvedOptimal:
+class ProofResult:
     """What a proof proves that was checked.
 
     No schedule has `refuted` rounds or fewer, and one has `cubes`. If not `proved`, two solvers
@@ -58,7 +58,7 @@ class ProvedOptimal:
         return self.proved and self.cubes == self.refuted + 1
 
 
-def check_optimality(proof: OptimalityProof, tell: Tell | None = None) -> ProvedOptimal:
+def check_optimality(proof: OptimalityProof, tell: Tell | None = None) -> ProofResult:
     """Check a proof and return what it proves.
 
     Raises CheckError, in one line, for the first thing that does not hold.
@@ -71,10 +71,10 @@ def check_optimality(proof: OptimalityProof, tell: Tell | None = None) -> Proved
     >>> found.proved, found.optimal, found.clauses
     (True, True, 0)
     """
-    return Refutation(proof, tell).checked()
+    return ClaimedRefutation(proof, tell).checked()
 
 
-class Refutation:
+class ClaimedRefutation:
     """The claim of a proof and its clauses, derived again; CheckError if it does not fit them."""
 
     def __init__(self, proof: OptimalityProof, tell: Tell | None = None) -> None:
@@ -139,7 +139,7 @@ class Refutation:
         return found
 
     @cached_property
-    def _clauses(self) -> tuple[int, Clauses] | None:
+    def _clauses(self) -> tuple[int, ProofClauses] | None:
         """The number of moves that can be made, and the clauses; None if windows refute alone."""
         rounds, proof = self.proof.refuted, self.proof
         moves = Moves(self._start, self._goal, proof.moves)
@@ -169,10 +169,10 @@ class Refutation:
         return int((windows.first <= windows.last).sum()), found
 
     @property
-    def clauses(self) -> Clauses:
+    def clauses(self) -> ProofClauses:
         """The clauses; an empty one if the windows alone refute the claim."""
         if self._clauses is None:
-            return Clauses.empty()
+            return ProofClauses.empty()
         return self._clauses[1]
 
     def dimacs(self) -> Iterator[bytes]:
@@ -204,7 +204,7 @@ class Refutation:
         same = (self.system.table, self.system.to_table()) == (system.table, system.to_table())
         return None if same else "has another system"
 
-    def checked(self) -> ProvedOptimal:
+    def checked(self) -> ProofResult:
         """Return what the proof proves; CheckError for the first thing that does not hold."""
         proof = self.proof
         if proof.cubes <= proof.refuted:
@@ -218,15 +218,13 @@ class Refutation:
         if (derived is None or not proved) and any(proof.log):
             raise CheckError("there is a log, and nothing that it would be needed for")
         if derived is None:
-            return ProvedOptimal(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
+            return ProofResult(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
         moves, (literals, ends) = derived
         variables = len(proof.variables)
         lemmas = 0
         if proved:
             lemmas = Refuter(variables, literals, ends).follow(proof.log, self._tell)
-        return ProvedOptimal(
-            proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas
-        )
+        return ProofResult(proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas)
 
     def _check_schedule(self) -> None:
         proof, state = self.proof, set(self._start)

@@ -20,8 +20,8 @@ from cubepath.coordinator.theory.proof_checking.refutation_windows import (
     IS_FREE,
     Ints,
     Longs,
-    Table,
-    Windows,
+    ProofWindows,
+    SupportTable,
 )
 from cubepath.protocol.compiled import compiled, inner
 
@@ -81,7 +81,7 @@ class Groups(NamedTuple):
     sites: Ints
 
 
-class Clauses(NamedTuple):
+class ProofClauses(NamedTuple):
     """Clauses one after another: clause ``c`` is ``literals[ends[c - 1]:ends[c]]``."""
 
     literals: Ints
@@ -93,7 +93,7 @@ class Clauses(NamedTuple):
         return cls(np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.int64))
 
 
-def slots_of(windows: Windows, ladder_sizes: Longs) -> Slots:
+def slots_of(windows: ProofWindows, ladder_sizes: Longs) -> Slots:
     """Return the slots of all variables that there must be; the file's numbers are still 0."""
     latest = (windows.rounds - windows.behind).astype(np.int32)
     begin = windows.ahead.reshape(-1, 2).max(axis=1)
@@ -116,7 +116,7 @@ def slots_of(windows: Windows, ladder_sizes: Longs) -> Slots:
     )
 
 
-def roles_of(table: Table, windows: Windows, sites: int) -> Roles:
+def roles_of(table: SupportTable, windows: ProofWindows, sites: int) -> Roles:
     """Return what moves that can be made do to sites."""
     at = np.zeros(4 * sites + 1, dtype=np.int64)
     _count_roles(table, windows.first, windows.last, at)
@@ -134,7 +134,7 @@ def _role(says: np.int8, end: int) -> int:
 
 
 @compiled
-def _count_roles(table: Table, first: Ints, last: Ints, at: Longs) -> None:
+def _count_roles(table: SupportTable, first: Ints, last: Ints, at: Longs) -> None:
     for move in range(len(first)):
         if first[move] <= last[move]:
             for place in range(table.starts[move >> 1], table.starts[(move >> 1) + 1]):
@@ -142,7 +142,7 @@ def _count_roles(table: Table, first: Ints, last: Ints, at: Longs) -> None:
 
 
 @compiled
-def _fill_roles(table: Table, first: Ints, last: Ints, fill: Longs, moves: Ints) -> None:
+def _fill_roles(table: SupportTable, first: Ints, last: Ints, fill: Longs, moves: Ints) -> None:
     for move in range(len(first)):
         if first[move] <= last[move]:
             for place in range(table.starts[move >> 1], table.starts[(move >> 1) + 1]):
@@ -214,7 +214,7 @@ def _close(ends: Longs, state: Longs) -> None:
 
 
 @compiled
-def _moves(table: Table, slots: Slots, literals: Ints, ends: Longs, state: Longs) -> None:
+def _moves(table: SupportTable, slots: Slots, literals: Ints, ends: Longs, state: Longs) -> None:
     """A move has its local state before it and the other after it; what is free stays; guards."""
     for move in range(len(slots.first)):
         action, end = move >> 1, move & 1
@@ -358,10 +358,10 @@ def _groups(slots: Slots, groups: Groups, literals: Ints, ends: Longs, state: Lo
 
 
 def clauses_of(
-    table: Table, slots: Slots, roles: Roles, ladders: Ladders, groups: Groups
-) -> Clauses:
+    table: SupportTable, slots: Slots, roles: Roles, ladders: Ladders, groups: Groups
+) -> ProofClauses:
     """Return the clauses that say that there is a schedule; the slots must have their variables."""
-    found = Clauses(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64))
+    found = ProofClauses(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64))
     for _ in range(2):  # the first time they are only counted
         state = np.zeros(4, dtype=np.int64)
         _moves(table, slots, *found, state)
@@ -371,5 +371,7 @@ def clauses_of(
         _groups(slots, groups, *found, state)
         literals, clauses = state[:2].tolist()
         if len(found.ends) < clauses:
-            found = Clauses(np.empty(literals, dtype=np.int32), np.empty(clauses, dtype=np.int64))
+            found = ProofClauses(
+                np.empty(literals, dtype=np.int32), np.empty(clauses, dtype=np.int64)
+            )
     return found

@@ -16,8 +16,8 @@ from cubepath.coordinator.theory.proof_checking.refutation_windows import (
     IN_TRACE,
     IS_FREE,
     Flags,
-    Table,
-    Windows,
+    ProofWindows,
+    SupportTable,
     earliest_times,
     turned,
     windows_of,
@@ -93,9 +93,9 @@ class Moves:
         return sites, says, [site for pair in pairs for site in pair]
 
     @property
-    def table(self) -> Table:
+    def table(self) -> SupportTable:
         """The supports of all actions so far."""
-        return Table(
+        return SupportTable(
             np.array(self._starts, dtype=np.int64),
             np.array(self._sites, dtype=np.int32),
             np.array(self._says, dtype=np.int8),
@@ -150,7 +150,7 @@ class Moves:
         """Return of each site whether it is on in a state."""
         return np.fromiter((site in state for site in self.sites), np.bool_, len(self.sites))
 
-    def windows(self, table: Table, rounds: int, usable: Flags) -> Windows:
+    def windows(self, table: SupportTable, rounds: int, usable: Flags) -> ProofWindows:
         """Return the windows of the moves of a table; `usable` is by directed move."""
         return windows_of(table, self._flags(self.start), self._flags(self.goal), rounds, usable)
 

@@ -31,8 +31,8 @@ from cubepath.coordinator.theory.proof_checking.refutation_windows import (
     IS_FREE,
     Ints,
     Longs,
-    Table,
-    Windows,
+    ProofWindows,
+    SupportTable,
 )
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import CheckError
@@ -56,8 +56,8 @@ class Meanings:
         self,
         proof: OptimalityProof,
         moves: Moves,
-        table: Table,
-        windows: Windows,
+        table: SupportTable,
+        windows: ProofWindows,
         actions: Sequence[int],
     ) -> None:
         """Find the variables of `proof`; `actions` are the numbers here of its actions.
@@ -302,7 +302,7 @@ def _unlike(slots: Slots, roles: Roles, ladders: Ladders, owners: Longs) -> int:
 
 @compiled
 def _breaking(
-    table: Table, first: Ints, last: Ints, groups: Groups, at: Longs, of_site: Ints
+    table: SupportTable, first: Ints, last: Ints, groups: Groups, at: Longs, of_site: Ints
 ) -> tuple[int, int]:
     """Return a move that may not keep a group, and the group; (-1, -1) if there is none.
 

@@ -28,7 +28,7 @@ IN_TRACE, IS_FREE = 4, 8
 """Of a site in a support, beside bits 1 and 2: whether it is on in local state 0 and 1."""
 
 
-class Table(NamedTuple):
+class SupportTable(NamedTuple):
     """The supports of actions, by numbers of sites.
 
     The support of action ``a`` is ``sites[starts[a]:starts[a + 1]]``, `says` has the bits of each
@@ -42,7 +42,7 @@ class Table(NamedTuple):
     guards: Ints
 
 
-class Windows(NamedTuple):
+class ProofWindows(NamedTuple):
     """Between two states in `rounds` rounds: times of literals and rounds of directed moves.
 
     `ahead` and `behind` are the earliest times forwards from the start and backwards from the goal,
@@ -74,7 +74,9 @@ class Windows(NamedTuple):
         return int(bare[0]) if len(bare) else None
 
 
-def windows_of(table: Table, start: Flags, goal: Flags, rounds: int, usable: Flags) -> Windows:
+def windows_of(
+    table: SupportTable, start: Flags, goal: Flags, rounds: int, usable: Flags
+) -> ProofWindows:
     """Return the windows of the greatest set of `usable` moves whose windows are not empty.
 
     `start` and `goal` say of each site whether it is on; `usable` is by directed move.
@@ -86,7 +88,7 @@ def windows_of(table: Table, start: Flags, goal: Flags, rounds: int, usable: Fla
         left = usable & (first <= last)
         if (left == usable).all():
             first[~usable], last[~usable] = NEVER, -NEVER
-            return Windows(rounds, ahead, behind, first, last)
+            return ProofWindows(rounds, ahead, behind, first, last)
         usable = left
 
 
@@ -95,7 +97,7 @@ def turned(by_move: NDArray[_Kind]) -> NDArray[_Kind]:
     return by_move.reshape(-1, 2)[:, ::-1].ravel()
 
 
-def earliest_times(table: Table, state: Flags, usable: Flags) -> tuple[Ints, Ints]:
+def earliest_times(table: SupportTable, state: Flags, usable: Flags) -> tuple[Ints, Ints]:
     """Return the earliest time of each literal and the earliest round of each directed move."""
     literals = np.full(2 * len(state), NEVER, dtype=np.int32)
     literals[2 * np.arange(len(state)) + state] = 0
@@ -105,7 +107,7 @@ def earliest_times(table: Table, state: Flags, usable: Flags) -> tuple[Ints, Int
 
 
 @compiled
-def _earliest(table: Table, usable: Flags, literals: Ints, moves: Ints) -> None:
+def _earliest(table: SupportTable, usable: Flags, literals: Ints, moves: Ints) -> None:
     """Fill in the times: layer by layer, each move as soon as the last that it needs is reached.
 
     A guard needs that its first site can be off or that its second can be on.

@@ -35,7 +35,7 @@ TRUE, FALSE = 1 << 30, -(1 << 30)
 """Constants in place of literals."""
 
 
-class Problem(NamedTuple):
+class EncodingProblem(NamedTuple):
     """What the clauses are built from; see `MoveArrays` and `literal_windows`.
 
     ``value[s, t]`` is the literal that says that site s is on at time t: a variable's number,
@@ -59,7 +59,7 @@ class Problem(NamedTuple):
     by_site_code: Numbers
 
 
-class Written(NamedTuple):
+class ClauseBuffer(NamedTuple):
     """Where clauses are written: all literals in a row, and where each clause ends."""
 
     literals: Numbers
@@ -69,7 +69,7 @@ class Written(NamedTuple):
 
 
 @inner
-def _clause(out: Written, at: Offsets, fill: bool, one: int, two: int, three: int) -> None:
+def _clause(out: ClauseBuffer, at: Offsets, fill: bool, one: int, two: int, three: int) -> None:
     """Write a clause of three literals; 0 and `FALSE` stand for none, `TRUE` leaves it out."""
     if one == TRUE or two == TRUE or three == TRUE:
         return
@@ -85,7 +85,7 @@ def _clause(out: Written, at: Offsets, fill: bool, one: int, two: int, three: in
 
 @inner
 def _exclude(
-    out: Written,
+    out: ClauseBuffer,
     at: Offsets,
     fill: bool,
     group: Numbers,
@@ -127,7 +127,7 @@ def _exclude(
 
 
 @compiled
-def write(problem: Problem, out: Written, variables: int, fill: bool) -> Offsets:
+def write(problem: EncodingProblem, out: ClauseBuffer, variables: int, fill: bool) -> Offsets:
     """Write all clauses about moves; return how much there is of everything.
 
     That is literals, clauses, variables, ladders and members of ladders. With `fill` false nothing
@@ -142,7 +142,7 @@ def write(problem: Problem, out: Written, variables: int, fill: bool) -> Offsets
 
 
 @inner
-def _write_moves(problem: Problem, out: Written, at: Offsets, fill: bool) -> None:
+def _write_moves(problem: EncodingProblem, out: ClauseBuffer, at: Offsets, fill: bool) -> None:
     """Write what each move needs and what it changes."""
     value = problem.value
     for move in range(len(problem.first)):
@@ -165,7 +165,7 @@ def _write_moves(problem: Problem, out: Written, at: Offsets, fill: bool) -> Non
 
 
 @inner
-def _write_sites(problem: Problem, out: Written, at: Offsets, fill: bool) -> None:
+def _write_sites(problem: EncodingProblem, out: ClauseBuffer, at: Offsets, fill: bool) -> None:
     """Write why a site changes, and which moves exclude each other there."""
     most = 0
     for site in range(len(problem.users) - 1):
@@ -214,7 +214,7 @@ def _write_sites(problem: Problem, out: Written, at: Offsets, fill: bool) -> Non
 
 @inner
 def _frame(
-    out: Written, at: Offsets, fill: bool, old: int, new: int, group: Numbers, count: int
+    out: ClauseBuffer, at: Offsets, fill: bool, old: int, new: int, group: Numbers, count: int
 ) -> None:
     """Write that a site keeps its value if no move of the group is made."""
     if old == TRUE or new == TRUE:

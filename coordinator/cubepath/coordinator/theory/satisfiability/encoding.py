@@ -17,14 +17,14 @@ from cubepath.coordinator.theory.satisfiability.clauses import (
     SITE,
     STAY,
     TRUE,
-    Problem,
-    Written,
+    ClauseBuffer,
+    EncodingProblem,
     write,
 )
 from cubepath.coordinator.theory.satisfiability.literal_windows import LiteralWindows, windows_of
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.move_arrays import MoveArrays
-from cubepath.coordinator.theory.satisfiability.one_of_many import Group, groups_of
+from cubepath.coordinator.theory.satisfiability.one_of_many import SiteGroup, groups_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError
 
@@ -59,7 +59,7 @@ class Encoding:
     ends: Offsets
     ladders: Numbers
     members: Numbers
-    groups: tuple[Group, ...]
+    groups: tuple[SiteGroup, ...]
     impossible: bool
 
     @cached_property
@@ -102,7 +102,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
     begins = np.concatenate([[0], np.cumsum(lasting)])
     made = (sites + 1 + begins[:-1] - windows.first).astype(np.int32)
     variables = sites + int(begins[-1])
-    problem = Problem(
+    problem = EncodingProblem(
         rounds,
         *moves,
         windows.first,
@@ -111,7 +111,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
         made,
         *_users(moves, lasting, len(start)),
     )
-    empty = Written(*_arrays(np.zeros(5, dtype=np.int64)))
+    empty = ClauseBuffer(*_arrays(np.zeros(5, dtype=np.int64)))
     met.spend(0)
     counted = write(problem, empty, variables, False)
     met.spend(0)
@@ -120,7 +120,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
         raise TooLargeError(
             f"clauses for {rounds} rounds have {counted[0]:,} literals, {most:,} at most"
         )
-    out = Written(*_arrays(counted))
+    out = ClauseBuffer(*_arrays(counted))
     write(problem, out, variables, True)
     met.spend(0)
     groups = groups_of(met, moves, windows)
@@ -141,7 +141,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> En
 
 def refuted_by_windows(met: MetMoves, rounds: int) -> Encoding:
     """Return the clauses of a path that the windows refute: an empty one, and no variables."""
-    nothing = Written(*_arrays(np.zeros(5, dtype=np.int64)))
+    nothing = ClauseBuffer(*_arrays(np.zeros(5, dtype=np.int64)))
     return Encoding(
         rounds,
         met,
@@ -195,7 +195,7 @@ def _arrays(counted: Offsets) -> tuple[Numbers, Offsets, Numbers, Numbers]:
 
 
 def _meanings(
-    value: Numbers, windows: LiteralWindows, lasting: Numbers, out: Written, sites: int
+    value: Numbers, windows: LiteralWindows, lasting: Numbers, out: ClauseBuffer, sites: int
 ) -> Numbers:
     """Return kind, index and time of each variable."""
     at = np.argwhere((value > 0) & (value != TRUE))
@@ -211,7 +211,7 @@ def _meanings(
     return np.concatenate([of_sites, of_moves, of_prefixes]).astype(np.int32)
 
 
-def _of_groups(groups: Iterable[Group], value: Numbers) -> tuple[Numbers, Offsets]:
+def _of_groups(groups: Iterable[SiteGroup], value: Numbers) -> tuple[Numbers, Offsets]:
     """Return the clauses of groups of sites of which at most one is on."""
     rows: list[Numbers] = [np.empty(0, dtype=np.int32)]
     sizes: list[Offsets] = [np.empty(0, dtype=np.int64)]

@@ -17,23 +17,23 @@ from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.move_arrays import FREE, MoveArrays
 
 
-class Group(NamedTuple):
+class SiteGroup(NamedTuple):
     """Sites, by number, of which at most one is on, or with `exactly` one."""
 
     exactly: bool
     sites: tuple[int, ...]
 
 
-def groups_of(met: MetMoves, moves: MoveArrays, windows: LiteralWindows) -> tuple[Group, ...]:
+def groups_of(met: MetMoves, moves: MoveArrays, windows: LiteralWindows) -> tuple[SiteGroup, ...]:
     """Return the groups that are proposed for the system and hold."""
-    found: list[Group] = []
+    found: list[SiteGroup] = []
     on, able = met.on(0), windows.first <= windows.last
     for sites in met.proposed_groups():
         if len(sites) > 1:
             exactly = _kept(sites, moves, able)
             count = int(on[list(sites)].sum())
             if exactly is not None and count <= 1:
-                found.append(Group(exactly and count == 1, sites))
+                found.append(SiteGroup(exactly and count == 1, sites))
     return tuple(found)
 
 

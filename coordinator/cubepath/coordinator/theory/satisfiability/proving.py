@@ -31,7 +31,7 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     LOG_MAX,
     SECOND_SOLVER,
     SOLVER,
-    Answer,
+    SolverAnswer,
     SolverError,
     SolverProcess,
 )
@@ -201,7 +201,7 @@ class Prover:
         if self.tick is not None:
             self.tick()
 
-    def _take(self, job: _Job, answer: Answer) -> None:
+    def _take(self, job: _Job, answer: SolverAnswer) -> None:
         great, second = job.until is not None, job.second
         problem = job.taken()
         if answer.satisfiable:

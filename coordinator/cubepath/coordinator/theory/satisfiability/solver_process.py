@@ -35,7 +35,7 @@ _BLOCK = 512
 _CHILD = "cubepath.coordinator.theory.satisfiability.solver_child"
 
 
-class Problem(Protocol):
+class SolverProblem(Protocol):
     """Clauses: clause c is ``literals[ends[c - 1]:ends[c]]``, the first from 0 on."""
 
     @property
@@ -58,7 +58,7 @@ class SolverError(CubepathError):
     """The process of a solver ended by itself, or cannot write its log."""
 
 
-class Answer(NamedTuple):
+class SolverAnswer(NamedTuple):
     """What a solver says: whether there is a model, None if its budget of conflicts is spent.
 
     `true` holds the truth of each variable in the model, with shape (variables,). `log` is the file
@@ -110,7 +110,7 @@ class SolverProcess:
         self._solver = solver
         self._log_max = log_max
         self._child: _Child | None = None
-        self._asked: Problem | None = None
+        self._asked: SolverProblem | None = None
         self._log: IO[bytes] | None = None
         self._log_file: int | None = None
         self._log_too_long = False
@@ -123,7 +123,7 @@ class SolverProcess:
         """End the process."""
         self.end()
 
-    def solve(self, problem: Problem) -> Answer:
+    def solve(self, problem: SolverProblem) -> SolverAnswer:
         """Ask for the answer to one problem, and wait for it."""
         self.ask(problem)
         while (found := self.answer(None)) is None:
@@ -132,7 +132,7 @@ class SolverProcess:
 
     def ask(
         self,
-        problem: Problem,
+        problem: SolverProblem,
         *,
         seed: int | None = None,
         conflicts: int | None = None,
@@ -167,7 +167,7 @@ class SolverProcess:
         except OSError as error:
             raise self._ended() from error
 
-    def answer(self, seconds: float | None) -> Answer | None:
+    def answer(self, seconds: float | None) -> SolverAnswer | None:
         """Return the answer, None if there is none within so many seconds (None: however long).
 
         After None the solver works on: ask again, or `end` it. SolverError if the process ended, or
@@ -196,7 +196,7 @@ class SolverProcess:
             if log is not None and (self._log_too_long or not said["kept"]):
                 log.truncate(0)
                 log = None
-            return Answer(said["satisfiable"], true, log)
+            return SolverAnswer(said["satisfiable"], true, log)
         self._watch_log(child.process)
         return None
 

@@ -23,12 +23,12 @@ from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.theory.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.theory.satisfiability.solver_process import solvers_installed
-from cubepath.coordinator.theory.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.lower_bounds import paths_of, prepare_for
 from cubepath.coordinator.theory.search.sat_windows import STAGE, SatWindows
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.coordinator.theory.search.vehicle_lns import Replanner
-from cubepath.coordinator.theory.search.windows import Windows
+from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import System
@@ -47,7 +47,7 @@ _WORK_MAX = 200_000
 
 
 @dataclass(frozen=True, slots=True)
-class Improved:
+class Improvement:
     """A normal cube path, and the steps of the search: all, and those that found a better path."""
 
     cube_path: CubePath
@@ -75,12 +75,12 @@ def improve(
     seed: int = 0,
     labelled_goals: bool = False,
     enough: int = 0,
-    watch: Callable[[Improved], object] | None = None,
+    watch: Callable[[Improvement], object] | None = None,
     tick: Callable[[int], object] | None = None,
     normal: CubePath | None = None,
     transitions: Transitions | None = None,
-    by_sat: Stage | None = None,
-) -> Improved:
+    by_sat: SearchStage | None = None,
+) -> Improvement:
     """Return the best path from `start` to the end of `path` that is found in the given time.
 
     Better means fewer cubes, then fewer moves; the result is never worse than the normal form of
@@ -107,7 +107,7 @@ def improve(
     """
     _check_given(system, seconds, iterations, labelled_goals=labelled_goals)
     actions = list(path)
-    best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
+    best = _normal(actions, 0, 0) if normal is None else Improvement(normal, 0, 0)
     prepare_all(system, with_solver=iterations is None)
     budget = Budget(seconds)
     if transitions is None:
@@ -128,7 +128,7 @@ def improve(
                     best.cube_path,
                     own_ends=labelled_goals,
                     budget=budget,
-                    stage=by_sat or Stage(STAGE),
+                    stage=by_sat or SearchStage(STAGE),
                 )
                 stack.enter_context(solver)
             search = _Search(
@@ -145,7 +145,7 @@ def improve(
     finally:
         # After an interrupt too, the best path is not lost.
         record.build()
-    return Improved(record.best.cube_path, steps, record.best.found)
+    return Improvement(record.best.cube_path, steps, record.best.found)
 
 
 class _Record:
@@ -155,7 +155,7 @@ class _Record:
     comes soon; so between two paths that are built there are some steps, the more, the more moves.
     """
 
-    def __init__(self, best: Improved, watch: Callable[[Improved], object] | None) -> None:
+    def __init__(self, best: Improvement, watch: Callable[[Improvement], object] | None) -> None:
         self.best = best
         self._watch = watch
         self._pending: tuple[_Proposal, int] | None = None
@@ -210,10 +210,10 @@ def _check_given(
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
 
 
-def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
+def _normal(path: Iterable[Action], steps: int, found: int) -> Improvement:
     heap = Heap()
     heap.extend(path)
-    return Improved(heap.cube_path(), steps, found)
+    return Improvement(heap.cube_path(), steps, found)
 
 
 class _Proposal(NamedTuple):
@@ -233,7 +233,7 @@ class _Search:
         self,
         steps: Transitions,
         start: State,
-        best: Improved,
+        best: Improvement,
         *,
         labelled_goals: bool,
         solver: SatWindows | None,
@@ -244,7 +244,7 @@ class _Search:
         self._system = system = steps.system
         self._steps = steps
         self._labelled_goals = labelled_goals
-        self._windows: Windows | None = None
+        self._windows: WindowSearch | None = None
         self._vehicles: Replanner | None = None
         self._own: Iterator[Sequence[Action] | None] | None = None
         self.possible = bool(best.cube_path)
@@ -268,7 +268,7 @@ class _Search:
         """Note whether there is anything left to try."""
         self.possible = any(each is not None for each in (self._own, self._windows, self._vehicles))
 
-    def _begin_own(self, best: Improved, seed: int, *, labelled_goals: bool) -> None:
+    def _begin_own(self, best: Improvement, seed: int, *, labelled_goals: bool) -> None:
         """Begin the system's own search, which knows nothing of vehicles with own ends."""
         system, start = self._system, self._start
         if system is None or labelled_goals:
@@ -277,11 +277,11 @@ class _Search:
         self._goal = end_state(best.cube_path, start)
         self._own = paths_of(system, start, self._goal, seed=seed, known=path)
 
-    def _cut(self, best: Improved) -> None:
+    def _cut(self, best: Improvement) -> None:
         """Search the windows of a path from now on, unless its states are too many and too long."""
         if not self._may_cut or (self._own and best.moves * len(self._start) > _WORK_MAX):
             return
-        self._windows = Windows(self._steps, self._start, best.cube_path)
+        self._windows = WindowSearch(self._steps, self._start, best.cube_path)
 
     def step(self, random: Random, best: CubePath) -> _Proposal | None:
         """Let one of the searches take a step; return the path if it got better."""
@@ -307,7 +307,7 @@ class _Search:
             return None
         if windows is not None and vehicles.rounds < windows.cost[0]:
             cubes = _normal(vehicles.actions(), 0, 0).cube_path
-            self._windows = Windows(self._steps, self._start, cubes)
+            self._windows = WindowSearch(self._steps, self._start, cubes)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
 
     def _take(self, best: CubePath) -> None:
@@ -316,7 +316,7 @@ class _Search:
             self._vehicles = self._replanner(best)
         cost = len(best), sum(map(len, best))
         if self._windows is not None and cost < self._windows.cost:
-            self._windows = Windows(self._steps, self._start, best)
+            self._windows = WindowSearch(self._steps, self._start, best)
             self._fresh = True
 
     def _own_step(self, own: Iterator[Sequence[Action] | None]) -> _Proposal | None:

@@ -72,7 +72,7 @@ _TICK = 256
 
 
 @dataclass(slots=True)
-class Stage:
+class SearchStage:
     """A part of a search: its name, what it took, and how it ended.
 
     `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a bound on states or

@@ -189,7 +189,7 @@ def load(draft: Draft) -> None:
             throw_out(draft, vehicle)
 
 
-class Window(NamedTuple):
+class RouteWindow(NamedTuple):
     """Room for the search of a route, and which vertices are held at either end of the plan."""
 
     costs: Numbers
@@ -211,7 +211,7 @@ class Window(NamedTuple):
 
 
 @inner
-def _open(draft: Draft, window: Window, vehicle: int) -> int:
+def _open(draft: Draft, window: RouteWindow, vehicle: int) -> int:
     """List the vertices that a vehicle can pass on its way, and when; return their number."""
     since, away = draft.since[vehicle], draft.away[draft.goals[vehicle]]
     last = draft.plan.shape[1] - 1
@@ -239,7 +239,7 @@ def _open(draft: Draft, window: Window, vehicle: int) -> int:
 
 
 @inner
-def _spread(draft: Draft, window: Window, time: int, size: int) -> None:
+def _spread(draft: Draft, window: RouteWindow, time: int, size: int) -> None:
     """Fill in the costs at a time from those one round before."""
     before, now, price = window.costs[time - 1], window.costs[time], draft.price[time]
     near, first, final, listed = window.near, window.first, window.final, window.listed
@@ -256,7 +256,7 @@ def _spread(draft: Draft, window: Window, time: int, size: int) -> None:
 
 
 @compiled
-def route(draft: Draft, window: Window, vehicle: int) -> int:
+def route(draft: Draft, window: RouteWindow, vehicle: int) -> int:
     """Write a cheapest route into the row of a vehicle; return its cost, or `NEVER` if none is.
 
     A route costs `MOVE` for each move, and `price` for each vertex and time where it is after the
@@ -293,7 +293,7 @@ def route(draft: Draft, window: Window, vehicle: int) -> int:
 
 
 @inner
-def exchange(draft: Draft, window: Window, one: int, other: int) -> None:
+def exchange(draft: Draft, window: RouteWindow, one: int, other: int) -> None:
     """Let two vehicles without routes exchange goals, if both ways then fit into the rounds.
 
     Mostly only if the ways do not become longer together.
@@ -312,7 +312,7 @@ def exchange(draft: Draft, window: Window, one: int, other: int) -> None:
 
 
 @compiled
-def repair(draft: Draft, window: Window, tries: int, *, exchanged: bool) -> bool:
+def repair(draft: Draft, window: RouteWindow, tries: int, *, exchanged: bool) -> bool:
     """Plan waiting vehicles through all others, whom they throw out, at most `tries` times.
 
     With `exchanged`, vehicles that wait may exchange goals. Return whether all have a route.

@@ -38,7 +38,7 @@ _TRIES_A_STEP = 32
 """The most routes planned in a step."""
 
 
-class Ends(NamedTuple):
+class VehicleEnds(NamedTuple):
     """Where vehicles go: each to the goal of its number."""
 
     places: Numbers
@@ -47,7 +47,7 @@ class Ends(NamedTuple):
     """How far each vertex is from each goal, shape (vehicles, vertices)."""
 
 
-class Repaired(NamedTuple):
+class RepairedPlan(NamedTuple):
     """A plan with fewer rounds: routes, shape (vehicles, rounds + 1), and each vehicle's goal."""
 
     plan: Numbers
@@ -70,14 +70,14 @@ class ConflictOptimizer:
         for vehicle, start in enumerate(starts):
             routes.distances(near, int(start), self._since[vehicle])
         self._draft: kernel.Draft | None = None
-        self._window: kernel.Window | None = None
+        self._window: kernel.RouteWindow | None = None
         self._tries = 0
         self._cut = 1
         self._given_up = 0
         self.routes = 0
         """The most routes that the last step may have planned; 0 if there was nothing to cut."""
 
-    def step(self, plan: Numbers, ends: Ends, random: Random) -> Repaired | None:
+    def step(self, plan: Numbers, ends: VehicleEnds, random: Random) -> RepairedPlan | None:
         """Plan some routes; return a legal plan with fewer rounds than `plan` once there is one.
 
         What was begun with an earlier plan is continued while it aims at fewer rounds than `plan`
@@ -101,7 +101,7 @@ class ConflictOptimizer:
             self._draft = None
             if self._tries <= quick:
                 self._cut *= 2
-            return Repaired(draft.plan, draft.goals)
+            return RepairedPlan(draft.plan, draft.goals)
         if self._tries >= (_TRIES if self._cut == 1 else quick):
             self._draft = None
             self._given_up += 1
@@ -109,8 +109,8 @@ class ConflictOptimizer:
         return None
 
     def _begun(
-        self, plan: Numbers, ends: Ends, random: Random
-    ) -> tuple[kernel.Draft, kernel.Window] | None:
+        self, plan: Numbers, ends: VehicleEnds, random: Random
+    ) -> tuple[kernel.Draft, kernel.RouteWindow] | None:
         """Return a draft of fewer rounds, or None if some way is too long for that."""
         vehicles, width = plan.shape
         vertices, degree = self._near.shape
@@ -140,7 +140,7 @@ class ConflictOptimizer:
             waiting=np.empty(vehicles, dtype=np.int32),
             state=np.array([0, random.randrange(1, 1 << 31)], dtype=np.int32),
         )
-        window = kernel.Window(
+        window = kernel.RouteWindow(
             costs=np.empty((width, vertices + 1), dtype=np.int32),
             listed=np.empty(vertices, dtype=np.uint32),
             number=np.empty(vertices, dtype=np.int32),
@@ -161,6 +161,6 @@ def prepare() -> None:
     near = np.array([[1], [0]], dtype=np.int32)
     # One vehicle on two vertices, there after the second round instead of the first.
     away = np.array([[1, 0]], dtype=np.int32)
-    ends = Ends(np.array([1], dtype=np.int32), away)
+    ends = VehicleEnds(np.array([1], dtype=np.int32), away)
     optimizer = ConflictOptimizer(near, np.zeros(1, dtype=np.int32), exchanged=False)
     optimizer.step(np.array([[0, 0, 1]], dtype=np.int32), ends, Random(0))  # noqa: S311 - no secret

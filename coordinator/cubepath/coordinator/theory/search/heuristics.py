@@ -17,7 +17,7 @@ _MARGIN = 2
 """Sites farther than all modules of the start by more than this need no exact distance."""
 
 
-class Ways:
+class ReachableSites:
     """The sites that a module can move to from each site; the system is asked once for each."""
 
     def __init__(self, system: System | None) -> None:
@@ -46,13 +46,17 @@ class Potential:
     nearest site of the goal along the ways of modules; if these are not known, 1 off the goal.
     """
 
-    def __init__(self, steps: Transitions, start: int, goal: int, ways: Ways | None = None) -> None:
+    def __init__(
+        self, steps: Transitions, start: int, goal: int, ways: ReachableSites | None = None
+    ) -> None:
         """Measure the sites as far as the modules of `start`, and a little beyond."""
         self.start, self.goal = start, goal
         self._steps = steps
         self._of_bit: dict[int, int] = {}
         self._changes: dict[int, tuple[int, int]] = {}
-        self._at = _measure(steps, start, goal, Ways(steps.system) if ways is None else ways)
+        self._at = _measure(
+            steps, start, goal, ReachableSites(steps.system) if ways is None else ways
+        )
 
     def of(self, state: int) -> int:
         """Return the sum over the sites that are on."""
@@ -76,7 +80,9 @@ class Potential:
         return known[1] if known[0] == before else -known[1]
 
 
-def _measure(steps: Transitions, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
+def _measure(
+    steps: Transitions, start: int, goal: int, ways: ReachableSites
+) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
     said = None if system is None else potential_of(system, goals)

@@ -25,12 +25,12 @@ from cubepath.coordinator.theory.satisfiability.encoding import Encoding, TooLar
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.solver_process import (
     SECOND_SOLVER,
-    Answer,
+    SolverAnswer,
     SolverError,
     SolverProcess,
     solvers_installed,
 )
-from cubepath.coordinator.theory.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.own_ends import OwnEnds
 from cubepath.coordinator.theory.search.transitions import maskable
 from cubepath.protocol.core.actions import Action, State, apply_in_place
@@ -103,7 +103,7 @@ class SatWindows:
         *,
         own_ends: bool,
         budget: Budget,
-        stage: Stage,
+        stage: SearchStage,
     ) -> None:
         """Take the best path so far; without a system its moves are all that there are.
 
@@ -221,7 +221,7 @@ class SatWindows:
             max(least, known.least), max(hardly, known.hardly), self._seconds
         )
 
-    def _take(self, question: _Question, problem: Encoding, answer: Answer) -> None:
+    def _take(self, question: _Question, problem: Encoding, answer: SolverAnswer) -> None:
         """Put a shorter window into the path, wherever its ends are now."""
         if not answer.satisfiable:
             self._note(question, least=question.rounds + 1)

@@ -92,7 +92,7 @@ def arrival(row: Numbers) -> int:
     return int(at)
 
 
-class World(NamedTuple):
+class RoutingWorld(NamedTuple):
     """The world that routes are planned in; vertices and goals are numbers."""
 
     near: Numbers
@@ -117,7 +117,7 @@ _NEVER = 2**30
 
 @compiled
 def _spread(
-    world: World,
+    world: RoutingWorld,
     ways: _Ways,
     away: Numbers,
     at: tuple[int, int, int, int],
@@ -147,7 +147,7 @@ def _spread(
 
 
 @compiled
-def route(world: World, goal: int, latest: int, turn: int, row: Numbers) -> int:
+def route(world: RoutingWorld, goal: int, latest: int, turn: int, row: Numbers) -> int:
     """Fill in a route that arrives first, with the fewest moves among those; return its arrival.
 
     `row[0]` is where the vehicle is, `goal` the number of its goal. The vehicle must be there after
@@ -191,7 +191,7 @@ def route(world: World, goal: int, latest: int, turn: int, row: Numbers) -> int:
 
 
 @compiled
-def reroute(world: World, plan: Numbers, jobs: Numbers, turn: int) -> bool:
+def reroute(world: RoutingWorld, plan: Numbers, jobs: Numbers, turn: int) -> bool:
     """Plan some vehicles anew, one after another, with all others unchanged.
 
     `jobs` has a row for each vehicle: its number, the number of its goal, and its latest arrival.
@@ -234,4 +234,4 @@ def prepare() -> None:
     settle(plan, 2)
     hold(plan, 0, held, 0)
     arrival(plan[0])
-    reroute(World(near, held, ends, away), plan, np.array([[0, 0, 1]], dtype=np.int32), 0)
+    reroute(RoutingWorld(near, held, ends, away), plan, np.array([[0, 0, 1]], dtype=np.int32), 0)

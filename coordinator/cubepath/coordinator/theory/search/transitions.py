@@ -30,14 +30,14 @@ Directed = tuple[Action, int]
 """An action, and the local state, 0 or 1, in which a move by it begins."""
 
 
-class Listed(NamedTuple):
+class ListedMoves(NamedTuple):
     """The moves of a list: those that are met at a site, and those that are met anywhere."""
 
     at: Callable[[Site], list[Directed]]
     anywhere: list[Directed]
 
 
-def listed_moves(listed: Iterable[Action] | NumberedPath) -> Listed:
+def listed_moves(listed: Iterable[Action] | NumberedPath) -> ListedMoves:
     """Return the moves that occur, each once, in the order in which they come first."""
     if isinstance(listed, NumberedPath):
         return _of_path(listed)
@@ -47,10 +47,10 @@ def listed_moves(listed: Iterable[Action] | NumberedPath) -> Listed:
         for end in (0, 1):
             on = action.ends[end]
             (at.setdefault(in_order(on)[0], []) if on else anywhere).append((action, end))
-    return Listed(lambda site: at.get(site, []), anywhere)
+    return ListedMoves(lambda site: at.get(site, []), anywhere)
 
 
-def _of_path(path: NumberedPath) -> Listed:
+def _of_path(path: NumberedPath) -> ListedMoves:
     supports = path.supports
     starts, sites, says = supports.rows[:3]
     nowhere = len(supports.sites)
@@ -72,7 +72,7 @@ def _of_path(path: NumberedPath) -> Listed:
         some = order[begins[place] : begins[place + 1]].tolist()
         return [(path.actions[int(present[each // 2])], each % 2) for each in some]
 
-    return Listed(at, directed(nowhere))
+    return ListedMoves(at, directed(nowhere))
 
 
 class _Row(NamedTuple):

@@ -19,7 +19,7 @@ from random import Random
 import numpy as np
 
 from cubepath.coordinator.theory.search import conflict_optimizer, space_time_routes as routes
-from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, Ends
+from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, VehicleEnds
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
@@ -162,7 +162,7 @@ class Replanner:
 
     def repair(self, random: Random) -> bool:
         """Go on repairing a plan cut short; return whether it is whole, with fewer rounds."""
-        found = self._conflicts.step(self._plan, Ends(self._ends, self._away), random)
+        found = self._conflicts.step(self._plan, VehicleEnds(self._ends, self._away), random)
         if found is None:
             return False
         self._plan = found.plan
@@ -186,7 +186,7 @@ class Replanner:
         ]
         kept, arrivals, held = self._plan.copy(), self._arrivals, self._held
         ends, away = self._ends, self._away
-        world = routes.World(self._near, held, ends, away)
+        world = routes.RoutingWorld(self._near, held, ends, away)
         jobs = np.array(list(zip(vehicles, goals, latest, strict=True)), dtype=np.int32)
         if not routes.reroute(world, self._plan, jobs, random.randrange(1 << 30)):
             return False

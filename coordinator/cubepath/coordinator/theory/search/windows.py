@@ -17,7 +17,7 @@ from random import Random
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.heuristics import Potential, Ways
+from cubepath.coordinator.theory.search.heuristics import Potential, ReachableSites
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
 
@@ -42,13 +42,13 @@ _CHOICES = 4
 """The number of cubes that are tried from each state of a beam."""
 
 
-class Windows:
+class WindowSearch:
     """A cube path that gets shorter, window by window; the cost never rises."""
 
     def __init__(self, steps: Transitions, start: State, cubes: Sequence[Sequence[Action]]) -> None:
         """Take a legal normal cube path, and cut out what lies between two visits to a state."""
         self._steps = steps
-        self._ways = Ways(steps.system)
+        self._ways = ReachableSites(steps.system)
         self._first = steps.encode(start)
         self._path: Path = [tuple(map(steps.number, cube)) for cube in cubes]
         self._states = steps.states(start, cubes)

@@ -25,7 +25,7 @@ _QUEUE_MIN, _QUEUE_MAX = 4, 1 << 17
 _IDLE_S = 0.01
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message as it came."""
 
     key: str
@@ -45,7 +45,7 @@ class Backlog:
         queue: Any = zenoh.handlers.FifoChannel(self.most)
         self._subscriber = session.declare_subscriber(key, queue)
 
-    def take(self, seconds: float) -> Iterator[Heard]:
+    def take(self, seconds: float) -> Iterator[ReceivedMessage]:
         """Yield what waits, for so long at most; wait a moment if there is nothing."""
         take = self._subscriber.try_recv
         until = time.monotonic() + seconds
@@ -83,16 +83,16 @@ class Backlog:
             thread.join()
 
 
-def _heard(sample: zenoh.Sample) -> Heard:
+def _heard(sample: zenoh.Sample) -> ReceivedMessage:
     told = sample.source_info
     source = None
     if told is not None:
         of = told.source_id
         source = f"{of.zid}/{of.eid}", int(told.source_sn)
-    return Heard(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns(), source)
+    return ReceivedMessage(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns(), source)
 
 
-class Kept(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message as it will stand in a recording."""
 
     topic: str
@@ -103,19 +103,19 @@ class Kept(NamedTuple):
     """The first whole round of a recording that begins with it."""
 
 
-class Window:
+class RecentMessages:
     """What came in the last seconds, and takes no more than so many bytes."""
 
     def __init__(self, seconds: float, bytes_max: int) -> None:
         """Begin empty."""
         self._span_ns = int(seconds * 1e9)
         self._most = bytes_max
-        self._kept: deque[Kept] = deque()
+        self._kept: deque[RecordedMessage] = deque()
         self._bytes = 0
         self.dropped = 0
         """How many went before their time, for want of memory."""
 
-    def put(self, kept: Kept) -> None:
+    def put(self, kept: RecordedMessage) -> None:
         """Put a message behind the others, and let go what is too old."""
         self._kept.append(kept)
         self._bytes += len(kept.data) + OVERHEAD_BYTES
@@ -131,7 +131,7 @@ class Window:
     def _forget(self) -> None:
         self._bytes -= len(self._kept.popleft().data) + OVERHEAD_BYTES
 
-    def at(self, now_ns: int) -> tuple[Kept, ...]:
+    def at(self, now_ns: int) -> tuple[RecordedMessage, ...]:
         """Return what came in the last seconds before a wall time, in nanoseconds."""
         self._let_go(now_ns)
         return tuple(self._kept)

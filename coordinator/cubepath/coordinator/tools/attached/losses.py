@@ -11,7 +11,7 @@ from collections import Counter
 
 import msgspec
 
-from cubepath.coordinator.tools.attached.backlog import Heard
+from cubepath.coordinator.tools.attached.backlog import ReceivedMessage
 
 _MISSING_MAX = 100_000
 """So many missing numbers of a sender are remembered; more are counted, and never come."""
@@ -63,7 +63,7 @@ class _Numbers:
         return len(self._missing) + self._beyond
 
 
-class Losses:
+class LossCounter:
     """Counts what is missing of a run, by sender."""
 
     def __init__(self, *, free: bool) -> None:
@@ -77,7 +77,7 @@ class Losses:
         self._unreported: Counter[str] = Counter()
         self._first_round: int | None = None
 
-    def take(self, topic: str, heard: Heard) -> Head | None:
+    def take(self, topic: str, heard: ReceivedMessage) -> Head | None:
         """Take note of a message; return what was read of it, None if it is malformed."""
         if heard.source is not None:
             who, number = heard.source

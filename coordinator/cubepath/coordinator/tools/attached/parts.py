@@ -25,7 +25,7 @@ _OVER_S, _OVER_BYTES = 1.0, 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Splitting:
+class SplitLimits:
     """When a file is full; None means never."""
 
     bytes: int | None = None
@@ -36,14 +36,14 @@ class Splitting:
         return self.bytes is not None or self.seconds is not None
 
 
-class Parts:
+class RecordingParts:
     """Writes messages to a file, or to one file after another."""
 
     def __init__(
         self,
         about: About,
         path: Path,
-        splitting: Splitting,
+        splitting: SplitLimits,
         notes: Callable[[], Mapping[str, str]],
         parameters: Mapping[str, str],
         *,

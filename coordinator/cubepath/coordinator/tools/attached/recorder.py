@@ -22,12 +22,17 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import About, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.attached.backlog import Backlog, Heard, Kept, Window
+from cubepath.coordinator.tools.attached.backlog import (
+    Backlog,
+    ReceivedMessage,
+    RecentMessages,
+    RecordedMessage,
+)
 from cubepath.coordinator.tools.attached.guests import guest_at
-from cubepath.coordinator.tools.attached.losses import Losses
-from cubepath.coordinator.tools.attached.parts import Parts, Splitting, numbered
+from cubepath.coordinator.tools.attached.losses import LossCounter
+from cubepath.coordinator.tools.attached.parts import RecordingParts, SplitLimits, numbered
 from cubepath.coordinator.tools.attached.topics import Topics
-from cubepath.coordinator.tools.attached.turns import Item, Times, Turns
+from cubepath.coordinator.tools.attached.turns import Item, LogTimes, MessageOrder
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.given import seconds
@@ -61,7 +66,7 @@ class Recorder:
         *,
         run: str | None,
         topics: Topics,
-        splitting: Splitting,
+        splitting: SplitLimits,
         window_s: float | None,
         memory_bytes: int,
         credentials: Credentials,
@@ -100,7 +105,7 @@ class Recorder:
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
             self.run = find_run(self._session, endpoint, run, patience_s).run
-            self._window = None if window_s is None else Window(window_s, memory_bytes)
+            self._window = None if window_s is None else RecentMessages(window_s, memory_bytes)
             self._alive: bool | None = None
             self._gone_s = self._heard_s = 0.0
             self._router = routers_of(self._session)
@@ -109,12 +114,14 @@ class Recorder:
             # The router knows who listens before it answers what was asked after that: from the
             # round on that is told now nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
-            self._times = Times(about)
+            self._times = LogTimes(about)
             free = about.format == FREE_FORMAT
-            self._losses = Losses(free=free)
-            self._turns = Turns(None if free else _processes(about), from_start=not about.round)
+            self._losses = LossCounter(free=free)
+            self._turns = MessageOrder(
+                None if free else _processes(about), from_start=not about.round
+            )
             self._path = log or _new_name(about)
-            self._parts = Parts(about, self._path, splitting, self._notes, parameters)
+            self._parts = RecordingParts(about, self._path, splitting, self._notes, parameters)
             self._given = parameters
         except BaseException:
             self._session.close()
@@ -172,7 +179,7 @@ class Recorder:
             with self._taken:
                 self._taken.notify_all()
 
-    def _hear(self, heard: Iterable[Heard]) -> None:
+    def _hear(self, heard: Iterable[ReceivedMessage]) -> None:
         """Take note of what came, and write what is next in order."""
         each = None
         for each in heard:
@@ -207,7 +214,7 @@ class Recorder:
             return
         begins = self._whole if self._begins else begins
         if self._window is not None:
-            self._window.put(Kept(topic, heard.data, at, heard.wall_ns, begins))
+            self._window.put(RecordedMessage(topic, heard.data, at, heard.wall_ns, begins))
         else:
             self._parts.write(
                 topic,
@@ -265,7 +272,7 @@ class Recorder:
         path = numbered(self._path, number)
         kept = self._window.at(time.time_ns())
         given = {**self._given, "snapshot": str(number)}
-        parts = Parts(self.about, path, Splitting(), self._notes, given)
+        parts = RecordingParts(self.about, path, SplitLimits(), self._notes, given)
         for each in kept:
             parts.write(
                 each.topic,
@@ -422,7 +429,7 @@ def record(
         None if log is None else Path(log),
         run=run,
         topics=Topics(topics, exclude),
-        splitting=Splitting(
+        splitting=SplitLimits(
             None if split_megabytes is None else int(split_megabytes * _MEGABYTE), split_seconds
         ),
         window_s=snapshot_seconds,

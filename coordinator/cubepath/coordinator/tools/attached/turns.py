@@ -19,7 +19,7 @@ from hashlib import blake2b
 from typing import NamedTuple, TypeAlias
 
 from cubepath.coordinator.runs.asking import About
-from cubepath.coordinator.tools.attached.backlog import Heard
+from cubepath.coordinator.tools.attached.backlog import ReceivedMessage
 from cubepath.coordinator.tools.attached.losses import Head
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.description import FREE_FORMAT
@@ -29,7 +29,7 @@ _REMEMBERED = 1 << 15
 _NUMBERS_MAX = (1 << 53) - 1
 
 
-class Times:
+class LogTimes:
     """Tells log times; one that cannot be read is that of the message before."""
 
     def __init__(self, about: About) -> None:
@@ -40,7 +40,7 @@ class Times:
         self._seen: set[bytes] = set()
         self._seen_before: set[bytes] = set()
 
-    def of(self, kind: str, heard: Heard, head: Head | None) -> tuple[int, int, bool]:
+    def of(self, kind: str, heard: ReceivedMessage, head: Head | None) -> tuple[int, int, bool]:
         """Return the log time, the first whole round from here on, and whether a round begins."""
         if self._free:
             if kind in ("moved", "tail"):
@@ -91,12 +91,12 @@ class Item(NamedTuple):
     """A message on its way to the recording."""
 
     topic: str
-    heard: Heard
+    heard: ReceivedMessage
     head: Head | None
     wanted: bool
 
 
-class Turns:
+class MessageOrder:
     """Puts messages in order: answers after what they answer, and the next `go` after them."""
 
     def __init__(

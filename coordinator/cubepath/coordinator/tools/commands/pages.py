@@ -15,7 +15,7 @@ from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.normal_form.array_heap import NormalForm
-    from cubepath.coordinator.tools.viewing.shown import Shown
+    from cubepath.coordinator.tools.viewing.shown import RunView
     from cubepath.protocol.core.actions import Action
     from cubepath.protocol.core.system import Scene
     from cubepath.protocol.recordings.recording import Recording
@@ -27,7 +27,7 @@ _RESULTS = ("cube", "summary")
 """Messages of the coordinator about the whole run, which belong to no round."""
 
 
-class Drawn(NamedTuple):
+class DrawingInput(NamedTuple):
     """The input of a drawing; the schedule is computed when it is asked for."""
 
     source: Path
@@ -41,7 +41,7 @@ class Drawn(NamedTuple):
     """Of a certificate, whose schedule it then is: the chain that proves it, by places in it."""
 
 
-def write_page(drawn: Sequence[Drawn], path: Path) -> None:
+def write_page(drawn: Sequence[DrawingInput], path: Path) -> None:
     """Write a page that shows these, with a bar that names the part at work."""
     from cubepath.coordinator.tools.viewing.pages import run_page  # noqa: PLC0415 - only what is needed
 
@@ -63,7 +63,7 @@ def _names(sources: Sequence[Path]) -> list[str]:
     return stems if len(set(stems)) == len(stems) else [str(source) for source in sources]
 
 
-def _branches(drawn: Drawn) -> list[Mark]:
+def _branches(drawn: DrawingInput) -> list[Mark]:
     """Return where a what-if departs from the recording that it goes on from."""
     if drawn.recording is None:
         return []
@@ -82,7 +82,7 @@ def _branches(drawn: Drawn) -> list[Mark]:
     return found
 
 
-def _differences(both: Sequence[Drawn]) -> list[list[Mark]]:
+def _differences(both: Sequence[DrawingInput]) -> list[list[Mark]]:
     """Return for each of two runs where they differ first, as `cubepath diff` finds it."""
     from cubepath.coordinator.tools.comparison.comparing import diff  # noqa: PLC0415
     from cubepath.coordinator.tools.comparison.moves import first_other  # noqa: PLC0415
@@ -113,7 +113,7 @@ def _differences(both: Sequence[Drawn]) -> list[list[Mark]]:
     return [[mark for mark in marks if mark[0] <= len(each.steps)] for each in both]
 
 
-def _of_move(drawn: Drawn, place: int | None) -> list[Mark]:
+def _of_move(drawn: DrawingInput, place: int | None) -> list[Mark]:
     """Return the mark of the first move that differs, by its number in the path, from 0."""
     if place is None or place >= sum(map(len, drawn.steps)):
         return []
@@ -125,11 +125,11 @@ def _listed(words: Sequence[str]) -> str:
     return " and ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
-def _shown(drawn: Drawn, name: str, marks: Sequence[Mark]) -> Shown:
-    from cubepath.coordinator.tools.viewing.shown import Shown  # noqa: PLC0415
+def _shown(drawn: DrawingInput, name: str, marks: Sequence[Mark]) -> RunView:
+    from cubepath.coordinator.tools.viewing.shown import RunView  # noqa: PLC0415
 
     cubes, found = drawn.schedule()
-    return Shown(
+    return RunView(
         drawn.scene,
         drawn.steps,
         cubes,
@@ -143,7 +143,7 @@ def _shown(drawn: Drawn, name: str, marks: Sequence[Mark]) -> Shown:
     )
 
 
-def _facts(drawn: Drawn, cubes: Sequence[Sequence[Action]]) -> tuple[tuple[str, str], ...]:
+def _facts(drawn: DrawingInput, cubes: Sequence[Sequence[Action]]) -> tuple[tuple[str, str], ...]:
     """Return what the head of a page says: the rule and its seed, and the counts of both paths."""
     known = {} if drawn.recording is None else drawn.recording.parameters
     facts = [(key, known[key]) for key in ("rule", "seed") if key in known]

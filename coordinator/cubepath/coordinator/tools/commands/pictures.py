@@ -24,7 +24,7 @@ from cubepath.coordinator.tools.commands.live import (
     check_no_connect_options,
     watch_elsewhere,
 )
-from cubepath.coordinator.tools.commands.pages import Drawn, write_page
+from cubepath.coordinator.tools.commands.pages import DrawingInput, write_page
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
@@ -257,14 +257,16 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
     return DONE
 
 
-def _inputs(options: argparse.Namespace) -> list[Drawn]:
+def _inputs(options: argparse.Namespace) -> list[DrawingInput]:
     found = [_read(options, each) for each in (options.input, options.other) if each is not None]
     if options.of is not None and all(each.chain is None for each in found):
         raise InputError(f"{found[0].source}: no certificate, expected no --of")
     return found
 
 
-def _written(options: argparse.Namespace, drawn: Sequence[Drawn], path: Path, kind: str) -> int:
+def _written(
+    options: argparse.Namespace, drawn: Sequence[DrawingInput], path: Path, kind: str
+) -> int:
     """Say what was written, and of what."""
     document = {"log": str(drawn[0].source), kind: str(path)}
     if len(drawn) > 1:
@@ -273,7 +275,7 @@ def _written(options: argparse.Namespace, drawn: Sequence[Drawn], path: Path, ki
     return max(solved(options, each.unsolved) for each in drawn)
 
 
-def _film(options: argparse.Namespace, drawn: Drawn, path: Path) -> None:
+def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
     """Draw a film of the run, of its schedule, or of both side by side."""
     from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate  # noqa: PLC0415
     from cubepath.coordinator.runs.side_by_side import animate_beside  # noqa: PLC0415
@@ -311,7 +313,7 @@ def _film(options: argparse.Namespace, drawn: Drawn, path: Path) -> None:
         )
 
 
-def _read(options: argparse.Namespace, path: Path) -> Drawn:
+def _read(options: argparse.Namespace, path: Path) -> DrawingInput:
     if _scene_in(path) is not None:
         raise InputError(f"{path}: a scene without a run, expected a run or another path")
     with opened(path) as file:
@@ -325,7 +327,7 @@ def _is_recording(file: InputFile) -> bool:
     return is_recording(file) or file.path.suffix.lower() == ".mcap"
 
 
-def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
+def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
     from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
@@ -342,7 +344,7 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
     if recording.problems and gatherer.unfinished is not None:
         complain(f"{file.path}: {gatherer.unfinished}; nothing is drawn from there on")
     steps = [step.actions for step in gatherer.steps]
-    return Drawn(
+    return DrawingInput(
         file.path,
         recording.scene,
         "level" if recording.clock == "free" else "round",
@@ -352,7 +354,7 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
     )
 
 
-def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
+def _from_file(options: argparse.Namespace, file: InputFile) -> DrawingInput:
     from cubepath.coordinator.shortening.path_steps import (  # noqa: PLC0415
         certified_steps,
         is_certificate,
@@ -369,7 +371,7 @@ def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
             found = certified_steps(file, options.of, options.system, hints(options), bar.update)
         else:
             found = read_steps(file, options.system, hints(options), bar.update)
-    return Drawn(
+    return DrawingInput(
         file.path,
         found.scene,
         found.step_name,

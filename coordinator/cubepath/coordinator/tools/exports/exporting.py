@@ -8,14 +8,14 @@ from pathlib import Path
 
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.tools.exports.rerun_file import write_rerun
-from cubepath.coordinator.tools.exports.rows import WRITERS, Wanted, check_levels, table_of
-from cubepath.coordinator.tools.exports.times import LogTime, Times, times_of
+from cubepath.coordinator.tools.exports.rows import WRITERS, RowSelection, check_levels, table_of
+from cubepath.coordinator.tools.exports.times import ExportTimes, LogTime, times_of
 from cubepath.coordinator.tools.exports.viewer_mcap import write_viewer_mcap
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, written_whole
-from cubepath.protocol.recordings.cuts import Selection, check_topics
+from cubepath.protocol.recordings.cuts import MessageSelection, check_topics
 from cubepath.protocol.recordings.recording import Recording, read_undamaged
 
 MOVES = "moves"
@@ -26,7 +26,7 @@ FORMS = (*WRITERS, *VIEWERS, MOVES)
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
+class ExportResult:
     """What was written, in which form, and how many of them.
 
     That is "moves", "claims", "messages" or "rounds".
@@ -71,7 +71,7 @@ def export(
     log_time: LogTime | None = None,
     round_seconds: float | None = None,
     foxglove: bool = False,
-) -> Exported:
+) -> ExportResult:
     """Write a table of a recording, or a file for viewers; return what was written.
 
     `form` is "csv", "parquet", "json" (one list), "jsonl" (an object a line), or "moves": a moves
@@ -98,7 +98,9 @@ def export(
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
-    wanted = Wanted(table, Selection(tuple(topics), tuple(exclude), first, until), tuple(kinds))
+    wanted = RowSelection(
+        table, MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
+    )
     check_topics(recording, wanted.selection)
     if named in VIEWERS:
         times = times_of(recording, log_time, round_seconds)
@@ -108,25 +110,31 @@ def export(
             f"{out}: {named} has no time line and no space, expected .mcap or .rrd for them"
         )
     if named == MOVES:
-        if wanted != Wanted():
+        if wanted != RowSelection():
             raise InputError("moves: a moves file has all moves, expected no choice among them")
-        return Exported(MOVES, MOVES, convert(recording.path, out).count)
+        return ExportResult(MOVES, MOVES, convert(recording.path, out).count)
     found = table_of(recording, wanted)
     with written_whole(out) as stream:
         try:
             count = WRITERS[named](stream, found, recording.parameters)
         except InputError as error:
             raise _located(recording, error) from None
-    return Exported(table, named, count)
+    return ExportResult(table, named, count)
 
 
 def _viewed(
-    recording: Recording, out: Path, form: str, wanted: Wanted, times: Times, *, in_space: bool
-) -> Exported:
+    recording: Recording,
+    out: Path,
+    form: str,
+    wanted: RowSelection,
+    times: ExportTimes,
+    *,
+    in_space: bool,
+) -> ExportResult:
     """Write a file for viewers."""
     selection = wanted.selection
     of_messages = bool(selection.topics or selection.exclude)
-    if wanted.table != Wanted().table or wanted.kinds or (of_messages and form == "rrd"):
+    if wanted.table != RowSelection().table or wanted.kinds or (of_messages and form == "rrd"):
         raise InputError(
             f"{out}: a file for viewers has no tables and no kinds, expected a choice by rounds"
             + ("" if form == "rrd" else " and topics")
@@ -136,11 +144,11 @@ def _viewed(
     with written_whole(out) as stream:
         if form == "rrd":
             rounds = write_rerun(stream, recording, times=times, selection=selection)
-            return Exported("rounds", form, rounds)
+            return ExportResult("rounds", form, rounds)
         count = write_viewer_mcap(
             stream, recording, times=times, selection=selection, in_space=in_space
         )
-    return Exported("messages", form, count)
+    return ExportResult("messages", form, count)
 
 
 def _located(recording: Recording, error: InputError) -> InputError:

@@ -35,7 +35,7 @@ _GHOST = 0.3
 _NS = 1_000_000_000
 
 
-class Encoded(NamedTuple):
+class EncodedMessage(NamedTuple):
     """A message for viewers."""
 
     topic: str
@@ -52,7 +52,7 @@ def library() -> ModuleType:
         ) from None
 
 
-class Stage:
+class SceneEncoder:
     """Encodes the states of a scene; bodies are worked out once for each site."""
 
     def __init__(self, scene: Scene) -> None:
@@ -76,7 +76,7 @@ class Stage:
             self._solids_at[site] = solid_of(self._scene, site)
         return self._solids_at[site]
 
-    def ground(self, log_time: int) -> Encoded:
+    def ground(self, log_time: int) -> EncodedMessage:
         """Return what does not move: obstacles, the goal, and lines between places."""
         messages, system = self._messages, self._scene.system
         goal = self._scene.goal or ()
@@ -89,7 +89,7 @@ class Stage:
             for one, other in system.lines()
         ]
         entities.append(self._entity("lines", log_time, lines=lines))
-        return Encoded("/robot/ground", messages.SceneUpdate(entities=entities).encode())
+        return EncodedMessage("/robot/ground", messages.SceneUpdate(entities=entities).encode())
 
     def _middle(self, place: Site) -> tuple[float, float, float]:
         label = self._scene.system.labels
@@ -115,7 +115,7 @@ class Stage:
                 self._solid(parts, low, _rgb(colour), 0.6)
         return self._entity(name, log_time, **parts)
 
-    def state(self, state: State, log_time: int) -> Iterator[Encoded]:
+    def state(self, state: State, log_time: int) -> Iterator[EncodedMessage]:
         """Yield the messages of a state: the scene, the poses and the transforms."""
         messages = self._messages
         hues = colours(self._scene, state.sites)
@@ -124,10 +124,10 @@ class Stage:
         entities = [
             self._module(number, state, log_time, hues[number]) for number in range(len(bodies))
         ]
-        yield Encoded("/robot/modules", messages.SceneUpdate(entities=entities).encode())
+        yield EncodedMessage("/robot/modules", messages.SceneUpdate(entities=entities).encode())
         at = self._timestamp(log_time)
         poses = [self._pose(bodies[number]) for number in shown]
-        yield Encoded(
+        yield EncodedMessage(
             "/robot/poses",
             messages.PosesInFrame(timestamp=at, frame_id=FRAME, poses=poses).encode(),
         )
@@ -142,7 +142,7 @@ class Stage:
             for number in shown
             if (pose := bodies[number]) is not None
         ]
-        yield Encoded("/tf", messages.FrameTransforms(transforms=transforms).encode())
+        yield EncodedMessage("/tf", messages.FrameTransforms(transforms=transforms).encode())
 
     def _module(self, number: int, state: State, log_time: int, hue: Colour) -> Any:
         """Return the entity of a module: empty where nothing stands."""

@@ -14,10 +14,10 @@ from cubepath.agents.rendering.pen import INK
 from cubepath.agents.rendering.pictures import colours, solid_of
 from cubepath.agents.rendering.style import Solid
 from cubepath.coordinator.runs.states import State, states_of
-from cubepath.coordinator.tools.exports.times import Times
+from cubepath.coordinator.tools.exports.times import ExportTimes
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cuts import MessageSelection
 from cubepath.protocol.recordings.recording import Recording
 
 _NS = 1_000_000_000
@@ -26,7 +26,7 @@ _FLUSHED = 64
 
 
 def write_rerun(
-    stream: IO[bytes], recording: Recording, *, times: Times, selection: Selection
+    stream: IO[bytes], recording: Recording, *, times: ExportTimes, selection: MessageSelection
 ) -> int:
     """Write the robot after each round that is taken; return the number of rounds.
 
@@ -70,7 +70,7 @@ def write_rerun(
     return count
 
 
-def _taken(recording: Recording, selection: Selection) -> Iterator[State]:
+def _taken(recording: Recording, selection: MessageSelection) -> Iterator[State]:
     for state in states_of(recording):
         if selection.until is not None and state.round > selection.until:
             return

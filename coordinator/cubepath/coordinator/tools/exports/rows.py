@@ -23,7 +23,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, left_out
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, MessageSelection, left_out
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, rounds_in_turn
 from cubepath.protocol.recordings.records import Record
@@ -48,7 +48,7 @@ _WHY = (*LEFT_OUT, FILTERED, SPLIT)
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RowSelection:
     """What is wanted of a recording: a table, and which of its rows.
 
     `selection` has the range of rounds, and for messages the topics. `kinds` are for messages: the
@@ -56,26 +56,26 @@ class Wanted:
     """
 
     table: str = "moves"
-    selection: Selection = Selection()  # noqa: RUF009 - it is not changed
+    selection: MessageSelection = MessageSelection()  # noqa: RUF009 - it is not changed
     kinds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class RecordingTable:
     """A table: the names of its columns, and its rows, some at a time."""
 
     columns: tuple[str, ...]
     batches: Iterator[Rows]
 
 
-def table_of(recording: Recording, wanted: Wanted) -> Table:
+def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
     """Return a table of a recording; its rows are read while they are asked for.
 
     InputError if there is no such table or kind, if topics are asked of another table than that of
     messages, if what the table is made of was left out of the recording, if levels are asked of
     messages that have none, and, while rows are read, where a message cannot be decoded.
 
-    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), Wanted("rounds"))
+    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), RowSelection("rounds"))
     >>> found.columns[:3], next(found.batches)[1][:3]
     (('round', 'messages', 'bytes'), (1, 22, 3492))
     """
@@ -91,14 +91,14 @@ def table_of(recording: Recording, wanted: Wanted) -> Table:
         check_levels(recording, selection)
     _check_there(recording, name)
     if name == "messages":
-        return Table(_MESSAGES, _messages(recording, wanted))
+        return RecordingTable(_MESSAGES, _messages(recording, wanted))
     if name == "rounds":
-        return Table(_ROUNDS, _within(_rounds(recording), selection))
+        return RecordingTable(_ROUNDS, _within(_rounds(recording), selection))
     columns = _columns(recording.moves if name == "moves" else recording.claims, recording)
-    return Table(columns, _within(_derived(recording, name), selection))
+    return RecordingTable(columns, _within(_derived(recording, name), selection))
 
 
-def check_levels(recording: Recording, selection: Selection) -> None:
+def check_levels(recording: Recording, selection: MessageSelection) -> None:
     """Raise InputError if a range of levels is asked of messages that have wall clock times."""
     asked = selection.first is not None or selection.until is not None
     if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
@@ -126,7 +126,7 @@ def _columns(made: Callable[[], Mapping[str, Any]], recording: Recording) -> tup
     return tuple(getattr(replace(recording, records=()), made.__name__)())
 
 
-def _within(batches: Iterable[Rows], selection: Selection) -> Iterator[Rows]:
+def _within(batches: Iterable[Rows], selection: MessageSelection) -> Iterator[Rows]:
     """Yield the rows of a range of rounds; the round is the first column."""
     first = 0 if selection.first is None else selection.first
     last = inf if selection.until is None else selection.until
@@ -148,7 +148,7 @@ def _derived(recording: Recording, name: str) -> Iterator[Rows]:
 _MESSAGES = ("round", "wall_ns", "sequence", "kind", "sender", "bytes", "message")
 
 
-def _messages(recording: Recording, wanted: Wanted) -> Iterator[Rows]:
+def _messages(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
     selection, kinds = wanted.selection, wanted.kinds
     for records, _ in recording.blocks():
         found: Iterable[Record] = filter(selection.keeps, records)
@@ -211,12 +211,12 @@ def _rounds(recording: Recording) -> Iterator[Rows]:
         yield [(number, *found[number]) for number in sorted(found)]
 
 
-Write = Callable[[IO[bytes], Table, Mapping[str, str]], int]
+Write = Callable[[IO[bytes], RecordingTable, Mapping[str, str]], int]
 """Writes a table with the parameters of its recording, as far as the form has room for them;
 returns the number of rows."""
 
 
-def write_csv(stream: IO[bytes], table: Table, _parameters: Mapping[str, str]) -> int:
+def write_csv(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
     """Write a table as CSV: a line of names, UTF-8, and lines end with a line feed."""
     text = io.TextIOWrapper(stream, "utf-8", newline="", write_through=True)
     count = 0
@@ -231,7 +231,7 @@ def write_csv(stream: IO[bytes], table: Table, _parameters: Mapping[str, str]) -
     return count
 
 
-def write_parquet(stream: IO[bytes], table: Table, parameters: Mapping[str, str]) -> int:
+def write_parquet(stream: IO[bytes], table: RecordingTable, parameters: Mapping[str, str]) -> int:
     """Write a table as Parquet; the parameters are the metadata of its schema.
 
     InputError if pyarrow is missing.
@@ -269,7 +269,7 @@ def _grouped(batches: Iterator[list[Any]]) -> Iterator[list[Any]]:
     yield pending
 
 
-def write_json(stream: IO[bytes], table: Table, _parameters: Mapping[str, str]) -> int:
+def write_json(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
     """Write a table as one JSON list of objects, a line each."""
     count = 0
     for line in _lines(table):
@@ -280,7 +280,7 @@ def write_json(stream: IO[bytes], table: Table, _parameters: Mapping[str, str]) 
     return count
 
 
-def write_jsonl(stream: IO[bytes], table: Table, _parameters: Mapping[str, str]) -> int:
+def write_jsonl(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
     """Write a table as JSON Lines: an object a line."""
     count = 0
     for line in _lines(table):
@@ -290,7 +290,7 @@ def write_jsonl(stream: IO[bytes], table: Table, _parameters: Mapping[str, str])
     return count
 
 
-def _lines(table: Table) -> Iterator[bytes]:
+def _lines(table: RecordingTable) -> Iterator[bytes]:
     encode, decode = msgspec.json.Encoder().encode, msgspec.json.decode
     names = table.columns
     nested = [number for number, name in enumerate(names) if name in (*SITES, *DOCUMENTS)]

@@ -19,7 +19,7 @@ _NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Times:
+class ExportTimes:
     """How log times are made: from rounds or levels, each `round_ns` nanoseconds, or `by_wall`."""
 
     by_wall: bool
@@ -36,7 +36,9 @@ class Times:
         return found
 
 
-def times_of(recording: Recording, log_time: LogTime | None, round_seconds: float | None) -> Times:
+def times_of(
+    recording: Recording, log_time: LogTime | None, round_seconds: float | None
+) -> ExportTimes:
     """Return how log times are made; by default from rounds, or without rounds from levels.
 
     InputError if the run has none of what is asked for, or a round lasts no time.
@@ -52,7 +54,7 @@ def times_of(recording: Recording, log_time: LogTime | None, round_seconds: floa
     round_seconds = 1.0 if round_seconds is None else round_seconds
     if not (isfinite(round_seconds) and round_seconds * _NS >= 1):
         raise InputError(f"a round of {round_seconds:g} s: expected at least 1e-09 s")
-    return Times(log_time == "wall", round(round_seconds * _NS))
+    return ExportTimes(log_time == "wall", round(round_seconds * _NS))
 
 
 def numbered(recording: Recording) -> Iterator[tuple[int, Record]]:

@@ -12,11 +12,11 @@ from typing import IO, NamedTuple
 import msgspec
 
 from cubepath.coordinator.runs.states import states_of
-from cubepath.coordinator.tools.exports.foxglove import Stage
-from cubepath.coordinator.tools.exports.times import Times, numbered
+from cubepath.coordinator.tools.exports.foxglove import SceneEncoder
+from cubepath.coordinator.tools.exports.times import ExportTimes, numbered
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.appending import McapAppender
-from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cuts import MessageSelection
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import CHUNK_BYTES, TOPICS_MAX
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -38,15 +38,15 @@ def write_viewer_mcap(
     stream: IO[bytes],
     recording: Recording,
     *,
-    times: Times,
-    selection: Selection,
+    times: ExportTimes,
+    selection: MessageSelection,
     in_space: bool,
 ) -> int:
     """Write the messages that are taken, and with `in_space` the robot; return their number.
 
     Topics of a recording are as they are there, as JSON; those of the robot are protobuf.
     """
-    stage = Stage(recording.scene) if in_space else None
+    stage = SceneEncoder(recording.scene) if in_space else None
     said = _said(recording, times, selection)
     robot = iter(()) if stage is None else _robot(recording, times, selection, stage)
     appender = McapAppender(stream, PROFILE)
@@ -68,7 +68,9 @@ def write_viewer_mcap(
     return count
 
 
-def _said(recording: Recording, times: Times, selection: Selection) -> Iterator[_Timed]:
+def _said(
+    recording: Recording, times: ExportTimes, selection: MessageSelection
+) -> Iterator[_Timed]:
     for number, record in numbered(recording):
         if selection.keeps(record):
             log_time = times.at(number, record.wall_ns)
@@ -76,7 +78,7 @@ def _said(recording: Recording, times: Times, selection: Selection) -> Iterator[
 
 
 def _robot(
-    recording: Recording, times: Times, selection: Selection, stage: Stage
+    recording: Recording, times: ExportTimes, selection: MessageSelection, stage: SceneEncoder
 ) -> Iterator[_Timed]:
     begun = False
     for state in states_of(recording):

@@ -112,7 +112,7 @@ _WAITING_MAX = 100_000
 """So many steps wait at most to be looked at; who falls behind more has missed some."""
 
 
-class Watched:
+class RemoteRunPage:
     """A run elsewhere, with the page that shows it; as a context manager it leaves both."""
 
     def __init__(
@@ -338,7 +338,7 @@ def watch_run(
     port: int = 0,
     secure: Path | str | None = None,
     patience_s: float = 10.0,
-) -> Watched:
+) -> RemoteRunPage:
     """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
 
     `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
@@ -358,4 +358,6 @@ def watch_run(
     """
     credentials = guest_at(endpoint, secure)
     patience_s = seconds("patience_s", patience_s)
-    return Watched(endpoint, run=run, port=port, credentials=credentials, patience_s=patience_s)
+    return RemoteRunPage(
+        endpoint, run=run, port=port, credentials=credentials, patience_s=patience_s
+    )

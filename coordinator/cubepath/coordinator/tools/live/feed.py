@@ -23,7 +23,7 @@ from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.tools.live.hearing import Hearing, Words
 from cubepath.coordinator.tools.viewing.shown import FORMAT, title_of
-from cubepath.coordinator.tools.viewing.worlds import World, path_document, waits_of
+from cubepath.coordinator.tools.viewing.worlds import NumberedWorld, path_document, waits_of
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -35,12 +35,12 @@ _FRAME = ("box", "behind", "before", "goal")
 """What changes when modules come to where none has been."""
 
 
-class Growing:
+class GrowingWorld:
     """A world, the state that its path has led to, and what was told of it."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin at the start, of which nothing was told."""
-        self.world = World(scene)
+        self.world = NumberedWorld(scene)
         self._state = set(scene.start_state)
         self._told: dict[str, Any] = {}
 
@@ -128,7 +128,7 @@ _SHARE = 10
 
 
 @dataclass(slots=True)
-class Place:
+class FeedPosition:
     """How much one who watches has seen; who comes back says how many `events` these are."""
 
     events: int = 0
@@ -152,7 +152,7 @@ class Feed:
         before: int = 0,
     ) -> None:
         """Begin at the start of the scene, where so many rounds lay before it already."""
-        self._world = Growing(scene)
+        self._world = GrowingWorld(scene)
         self._hearing = Hearing(self._world.world, free=step_name == "level", before=before)
         space = self._space = plugin("state_space")(scene)
         self._states = [] if space is None else space.along([])
@@ -231,7 +231,7 @@ class Feed:
 
     # For who watches.
 
-    def next(self, place: Place, timeout_s: float) -> list[bytes] | None:
+    def next(self, place: FeedPosition, timeout_s: float) -> list[bytes] | None:
         """Return what is new since a place, which goes on; None if there will be no more.
 
         Waits so many seconds at most, and returns nothing then.
@@ -251,7 +251,7 @@ class Feed:
                 found.append(self._ended)
             return None if not found and (place.ended or self._closed) else found
 
-    def _is_new(self, place: Place) -> bool:
+    def _is_new(self, place: FeedPosition) -> bool:
         return (
             place.events < len(self._events)
             or place.schedule < self._schedule[0]

@@ -15,7 +15,7 @@ from cubepath.coordinator.tools.viewing.shown import (
     claim_entry,
     delivery_entries,
 )
-from cubepath.coordinator.tools.viewing.worlds import World
+from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.wire.free_messages import (
@@ -42,7 +42,7 @@ Words: TypeAlias = Message | FreeMessage | Attempt | Passed | Decision
 class Hearing:
     """The claims and deliveries of a run, by the steps of a page, which count from 1."""
 
-    def __init__(self, world: World, *, free: bool, before: int = 0) -> None:
+    def __init__(self, world: NumberedWorld, *, free: bool, before: int = 0) -> None:
         """Begin with nothing heard; so many rounds lie before the first step of the page."""
         self._world = world
         self._count = len(world.scene.start)

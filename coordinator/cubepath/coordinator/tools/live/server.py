@@ -23,7 +23,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from cubepath.coordinator.tools.live.feed import Feed, Place
+from cubepath.coordinator.tools.live.feed import Feed, FeedPosition
 from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
@@ -251,7 +251,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _feed(self) -> None:
         """Send events as they come, until there are no more or nobody takes them."""
         last = self.headers.get("Last-Event-ID", "")
-        place = Place(events=int(last) if re.fullmatch(r"[0-9]{1,15}", last) else 0)
+        place = FeedPosition(events=int(last) if re.fullmatch(r"[0-9]{1,15}", last) else 0)
         self._head(HTTPStatus.OK, "text/event-stream; charset=utf-8")
         self.end_headers()
         self.server.stays(self.connection)

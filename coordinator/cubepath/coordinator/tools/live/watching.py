@@ -37,10 +37,10 @@ STEPS_MAX = 1000
 _LATE_S = 0.05
 
 
-class Pace:
+class RoundPacer:
     """When the next round may begin.
 
-    >>> pace = Pace(paused=True)
+    >>> pace = RoundPacer(paused=True)
     >>> pace.order("step")
     >>> pace.left(), pace.left()
     (0.0, inf)
@@ -153,7 +153,7 @@ class Live:
             raise InputError("live: a run without rounds (clock=free) can be watched, not paced")
         self._run = run
         self._port = port
-        self._pace = None if free else Pace(rate=rate, paused=paused)
+        self._pace = None if free else RoundPacer(rate=rate, paused=paused)
         self._given: list[tuple[Action, ...]] = []
         self._again = 0.0
         self._serving: tuple[Feed, Server] | None = None

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.coordinator.tools.viewing.shown import Progress, Shown, document_of
+from cubepath.coordinator.tools.viewing.shown import Progress, RunView, document_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 
@@ -111,7 +111,7 @@ _BEGIN, _END = '<script type="text/plain" id="data">', "</script>"
 
 
 def run_page(
-    shown: Shown | Sequence[Shown], path: Path | str, *, progress: Progress | None = None
+    shown: RunView | Sequence[RunView], path: Path | str, *, progress: Progress | None = None
 ) -> None:
     """Write a page that shows a run beside its normal cube path, or two runs beside each other.
 
@@ -121,13 +121,13 @@ def run_page(
 
     >>> played = play("hex:n=4")
     >>> cubes = normal_cube_path(played.path)
-    >>> run_page(Shown(played.scene, played.steps, cubes), "run.html")
+    >>> run_page(RunView(played.scene, played.steps, cubes), "run.html")
     >>> Path("run.html").read_text().count("<script")
     16
     """
     if Path(path).suffix.lower() not in PAGE_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(PAGE_SUFFIXES)}")
-    document = document_of([shown] if isinstance(shown, Shown) else shown, progress)
+    document = document_of([shown] if isinstance(shown, RunView) else shown, progress)
     if progress is not None:
         progress("write")
     text = page_text(document)

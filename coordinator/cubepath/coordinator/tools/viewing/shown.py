@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.plugins import plugin
-from cubepath.coordinator.tools.viewing.worlds import World, path_document
+from cubepath.coordinator.tools.viewing.worlds import NumberedWorld, path_document
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -35,7 +35,7 @@ Entry: TypeAlias = tuple[int, int, int]
 
 
 def claim_entry(
-    world: World, module: int, generator: str, at: Site, site: Site, *, outcome: str
+    world: NumberedWorld, module: int, generator: str, at: Site, site: Site, *, outcome: str
 ) -> Entry | None:
     """Return a claim as (module, row, won); None if no module at the site could propose it.
 
@@ -51,7 +51,7 @@ def delivery_entries(report: Report, kinds: dict[str, int]) -> Iterable[Entry]:
         yield kinds.setdefault(kind, len(kinds)), sender, report.module
 
 
-def claims_document(world: World, recording: Recording, steps: int) -> dict[str, Any]:
+def claims_document(world: NumberedWorld, recording: Recording, steps: int) -> dict[str, Any]:
     """Return the claims of a run, step by step: who claimed which row, and what came of it.
 
     ``ends`` has the number of claims up to the end of each step; ``won`` is 1 for a claim that was
@@ -126,7 +126,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class RunView:
     """What a page shows of one run or path.
 
     `steps` holds the actions of each round, level, move or cube as it was executed or given, those
@@ -149,19 +149,19 @@ class Shown:
     marks: Sequence[tuple[int, str]] = ()
 
 
-def document_of(shown: Sequence[Shown], progress: Progress | None = None) -> dict[str, Any]:
+def document_of(shown: Sequence[RunView], progress: Progress | None = None) -> dict[str, Any]:
     """Return all that a page shows, as a document for `cubepath.coordinator.tools.viewing.pages`.
 
     `progress` is called with the name of each part before it is begun. InputError if a move is not
     admissible or a place cannot be drawn.
     """
     tell = progress or (lambda _: None)
-    worlds: list[World] = []
+    worlds: list[NumberedWorld] = []
     paths: list[dict[str, Any]] = []
     for each in shown:
         world = next((known for known in worlds if _same(known.scene, each.scene)), None)
         if world is None:
-            world = World(each.scene)
+            world = NumberedWorld(each.scene)
             worlds.append(world)
         paths += _paths(each, world, worlds.index(world), tell)
     tell("picture")
@@ -191,7 +191,9 @@ def _same(one: Scene, other: Scene) -> bool:
     return both and one.system.to_table() == other.system.to_table()
 
 
-def _paths(each: Shown, world: World, number: int, tell: Progress) -> list[dict[str, Any]]:
+def _paths(
+    each: RunView, world: NumberedWorld, number: int, tell: Progress
+) -> list[dict[str, Any]]:
     executed = "as executed" if each.step_name in {"round", "level"} else "as given"
     prefix = f"{each.name}: " if each.name else ""
     tell("path")
@@ -218,7 +220,7 @@ def _paths(each: Shown, world: World, number: int, tell: Progress) -> list[dict[
     return [path, cubes]
 
 
-def _complex(shown: Sequence[Shown], tell: Progress) -> dict[str, Any] | None:
+def _complex(shown: Sequence[RunView], tell: Progress) -> dict[str, Any] | None:
     """Return the state complex with the state after each step of each path; None if too large."""
     scene = shown[0].scene
     if not all(_same(each.scene, scene) for each in shown):

@@ -87,7 +87,7 @@ Motion = tuple[int, int]
 _SHAPES = ("none", "cell", "bar", "box", "dot")
 
 
-class World:
+class NumberedWorld:
     """The sites and moves that paths of a scene have met so far, by number.
 
     A *row* is an action in one direction: its name and place, and the sites between which modules
@@ -216,7 +216,7 @@ def _layer(drawn: Drawn) -> dict[str, Any]:
 
 
 def path_document(
-    world: World,
+    world: NumberedWorld,
     number: int,
     steps: Iterable[Sequence[Action]],
     *,

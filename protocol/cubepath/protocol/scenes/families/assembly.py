@@ -38,7 +38,7 @@ _SIZE_MAX = 40
 
 
 @dataclass(frozen=True)
-class Plan:
+class AssemblyPlan:
     """The parts: the middle of each, the parts that it rests on, and those beside it."""
 
     middles: Mapping[Part, tuple[float, float]]
@@ -46,22 +46,24 @@ class Plan:
     beside: Mapping[Part, tuple[Part, ...]]
 
 
-def _plan(middles: Mapping[Part, tuple[float, float]], rests: Callable[[Part], set[Part]]) -> Plan:
+def _plan(
+    middles: Mapping[Part, tuple[float, float]], rests: Callable[[Part], set[Part]]
+) -> AssemblyPlan:
     beside = {
         (x, y): tuple(part for part in ((x - 1, y), (x + 1, y)) if part in middles)
         for x, y in middles
     }
     below = {part: tuple(sorted(rests(part) & middles.keys())) for part in middles}
-    return Plan(middles, below, beside)
+    return AssemblyPlan(middles, below, beside)
 
 
-def pyramid(size: int) -> Plan:
+def pyramid(size: int) -> AssemblyPlan:
     """Return a pyramid on `size` parts, in which each part rests on two."""
     middles = {(x, y): (x + y / 2, float(y)) for y in range(size) for x in range(size - y)}
     return _plan(middles, lambda part: {(part[0] + side, part[1] - 1) for side in (0, 1)})
 
 
-def wall(size: int) -> Plan:
+def wall(size: int) -> AssemblyPlan:
     """Return a wall of `size` rows of `size` bricks, every other row shifted by half a brick."""
     middles = {(x, y): (x + y % 2 / 2, float(y)) for y in range(size) for x in range(size)}
 
@@ -72,7 +74,7 @@ def wall(size: int) -> Plan:
     return _plan(middles, rests)
 
 
-def tree(size: int) -> Plan:
+def tree(size: int) -> AssemblyPlan:
     """Return a binary tree of `size` levels: each part joins two that are made before it."""
     middles = {
         (x, y): ((x + 0.5) * 2**y - 0.5, float(y))
@@ -83,10 +85,10 @@ def tree(size: int) -> Plan:
     siblings = {
         (x, y): tuple(part for part in ((x ^ 1, y),) if part in middles) for x, y in middles
     }
-    return Plan(middles, found.below, siblings)
+    return AssemblyPlan(middles, found.below, siblings)
 
 
-PLANS: Mapping[str, tuple[Callable[[int], Plan], int]] = {
+PLANS: Mapping[str, tuple[Callable[[int], AssemblyPlan], int]] = {
     "pyramid": (pyramid, _SIZE_MAX),
     "wall": (wall, _SIZE_MAX),
     "tree": (tree, 10),
@@ -94,7 +96,7 @@ PLANS: Mapping[str, tuple[Callable[[int], Plan], int]] = {
 """The kinds of structures, each with its greatest size."""
 
 
-def assembly_moves(plan: Plan, *, weld: bool) -> tuple[Move, ...]:
+def assembly_moves(plan: AssemblyPlan, *, weld: bool) -> tuple[Move, ...]:
     """Return the moves of all parts: placing, and, if asked for, welding."""
     above: dict[Part, list[Part]] = {part: [] for part in plan.middles}
     for part, rests in plan.below.items():
