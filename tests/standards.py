@@ -23,7 +23,7 @@ from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance,
 from cubepath.coordinator.shortening.path_steps import read_steps
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.search.anytime import improve
 from cubepath.coordinator.theory.search.exact import optimum

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.states import Steps, snapshots
-from cubepath.coordinator.tools.viewing.shown import RunView
+from cubepath.coordinator.tools.viewing.run_view import RunView
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask, task_of
 from cubepath.coordinator.theory.search.heuristics import Potential
 from cubepath.coordinator.theory.search.transitions import Transitions

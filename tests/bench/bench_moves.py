@@ -34,7 +34,7 @@ from large_fleets import Cell, steps, wandering, write_lines, write_log, write_m
 from cubepath.coordinator.shortening.explain import certified_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.path_input import read_input
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.protocol.compiled import allowance

@@ -23,7 +23,7 @@ from random import Random
 from large_fleets import wandering, write_scenario
 
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.theory.search import vehicle_lns
 

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.tools.viewing.pages import pack, page_text
-from cubepath.coordinator.tools.viewing.shown import RunView, document_of
+from cubepath.coordinator.tools.viewing.run_view import RunView, document_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -41,7 +41,7 @@ from cubepath.coordinator.theory.following.files import (
 from cubepath.coordinator.theory.following.timetable import (
     following_timetable as following_timetable,
 )
-from cubepath.coordinator.theory.optimality.beyond import beyond as beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond as beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
 from cubepath.coordinator.theory.paper.registry import PaperClaim as PaperClaim
 from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
@@ -55,17 +55,17 @@ from cubepath.coordinator.theory.search.anytime import improve as improve
 from cubepath.coordinator.theory.search.exact import optimum as optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
 from cubepath.coordinator.theory.search.simply_connected import only_class as only_class
-from cubepath.coordinator.tools.attached.recorder import record as record
 from cubepath.coordinator.tools.comparison.comparing import diff as diff
 from cubepath.coordinator.tools.comparison.told import Compared as Compared
 from cubepath.coordinator.tools.exports.exporting import export as export
-from cubepath.coordinator.tools.live.elsewhere import watch_run as watch_run
+from cubepath.coordinator.tools.live.remote_pages import watch_run as watch_run
 from cubepath.coordinator.tools.live.watching import Live as Live
+from cubepath.coordinator.tools.recorder.recorder import record as record
 from cubepath.coordinator.tools.viewing.pages import (
     page_document as page_document,
     run_page as run_page,
 )
-from cubepath.coordinator.tools.viewing.shown import RunView as RunView
+from cubepath.coordinator.tools.viewing.run_view import RunView as RunView
 from cubepath.coordinator.verification.certificate import check_certificate as check_certificate
 from cubepath.coordinator.verification.proof import check_proof as check_proof
 from cubepath.coordinator.verification.recording import verify as verify

@@ -10,7 +10,7 @@ from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.testing.fixtures import RunFixture
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.rig import RunUnderTest
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import locked_file

@@ -11,7 +11,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.normal_form.definitions import end_state
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.proof_checking.optimality import check_optimality
 from cubepath.coordinator.theory.satisfiability.proving import SEARCH

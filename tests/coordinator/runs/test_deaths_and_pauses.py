@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.testing.fixtures import RunFixture
-from cubepath.coordinator.testing.rig import RunUnderTest
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
 
 MORE = 10
 """How many rounds show that a run goes on."""

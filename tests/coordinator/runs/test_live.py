@@ -18,7 +18,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command
-from cubepath.coordinator.testing.rig import RunUnderTest
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from elsewhere import Commands

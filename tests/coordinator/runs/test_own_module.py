@@ -19,8 +19,8 @@ import zenoh
 
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.testing.rig import RunUnderTest
-from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.sessions import open_client, put

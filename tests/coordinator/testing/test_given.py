@@ -13,8 +13,8 @@ from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
-from cubepath.coordinator.testing.rig import Joiners
 from cubepath.coordinator.testing.rules import Pattern, Rule
+from cubepath.coordinator.testing.run_under_test import Joiners
 from cubepath.coordinator.testing.strategies import faults
 from cubepath.coordinator.testing.trials import trial_of
 from cubepath.coordinator.testing.wire import PlannedFault

@@ -9,7 +9,7 @@ import pytest
 
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.fixtures import RunFixture
-from cubepath.coordinator.testing.rig import RunUnderTest
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.errors import CheckError, InputError
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,7 @@ import zenoh
 
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.rules import Pattern, Rule
-from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Ready, encode

@@ -14,7 +14,7 @@ from msgspec.structs import replace as with_fields
 from command_line import GOLDEN
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import ROWS_MAX, table
+from cubepath.coordinator.testing.wire_messages import ROWS_MAX, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.messages import Claim, Report
 from free_runs import free_recorded

@@ -15,8 +15,8 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.randomly.stream import Stream
-from cubepath.protocol.scenes.randomly.triangulations import random_triangulation
+from cubepath.protocol.scenes.random_scenes.stream import Stream
+from cubepath.protocol.scenes.random_scenes.triangulations import random_triangulation
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml

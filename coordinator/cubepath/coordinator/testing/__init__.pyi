@@ -17,9 +17,8 @@ from cubepath.coordinator.testing.replaying import (
     replay_into as replay_into,
     replay_into_node as replay_into_node,
 )
-from cubepath.coordinator.testing.rig import RunUnderTest as RunUnderTest
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
-from cubepath.coordinator.testing.seen import WireMessage as WireMessage
+from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
 from cubepath.coordinator.testing.strategies import faults as faults, scenarios as scenarios
 from cubepath.coordinator.testing.trials import (
     Trial as Trial,
@@ -27,3 +26,4 @@ from cubepath.coordinator.testing.trials import (
     fault as fault,
     trial_of as trial_of,
 )
+from cubepath.coordinator.testing.wire_messages import WireMessage as WireMessage

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from cubepath.coordinator.testing import ward
-from cubepath.coordinator.testing.seen import short
+from cubepath.coordinator.testing.wire_messages import short
 from cubepath.protocol.core.errors import CheckError, InputError
 
 _END_S_MAX = 10.0

@@ -26,7 +26,7 @@ from typing import Any, Literal, Self, TypeAlias, cast
 import zenoh
 
 from cubepath.coordinator.testing.rules import Direction, Fate, Rule, fate_of
-from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.credentials import GUEST, Credentials

@@ -19,7 +19,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import RESULTS, WireMessage, short, table
+from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.catalogue import Json

@@ -15,7 +15,7 @@ from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.seen import RESULTS, WireMessage
+from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import function
 from cubepath.protocol.wire.free_messages import free_key

@@ -15,7 +15,7 @@ from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
-from cubepath.coordinator.testing.seen import KNOWN, WireMessage
+from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.wire.keys import topic_in_key

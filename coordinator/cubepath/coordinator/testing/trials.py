@@ -28,7 +28,7 @@ from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.seen import RESULTS, short, table
+from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter

@@ -13,7 +13,7 @@ from cubepath.coordinator.testing.commands import Guard
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import What, pattern_of
 from cubepath.coordinator.testing.rules import Action, Pattern, Rule
-from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials

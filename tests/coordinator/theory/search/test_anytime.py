@@ -16,7 +16,7 @@ from hypothesis import given, settings, strategies as st
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask, task_of
 from cubepath.coordinator.theory.search.anytime import Improvement, improve
 from cubepath.coordinator.theory.search.exact import optimum

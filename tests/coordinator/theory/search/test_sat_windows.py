@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.satisfiability.encoding import encode
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves

@@ -12,7 +12,7 @@ import pytest
 
 from cubepath.coordinator.tools.live.feed import Feed, FeedPosition
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
-from cubepath.coordinator.tools.viewing.shown import document_of
+from cubepath.coordinator.tools.viewing.run_view import document_of
 from cubepath.protocol.core.actions import end_at
 from watched_pages import KINDS, Watched, watched
 

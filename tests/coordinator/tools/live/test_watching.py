@@ -27,7 +27,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
-from cubepath.coordinator.tools.live.elsewhere import watch_run
+from cubepath.coordinator.tools.live.remote_pages import watch_run
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError

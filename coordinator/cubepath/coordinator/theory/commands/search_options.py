@@ -14,7 +14,7 @@ from cubepath.protocol.core.formatting import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
-    from cubepath.coordinator.theory.optimality.beyond import OptimalityReport
+    from cubepath.coordinator.theory.optimality.optimality_report import OptimalityReport
     from cubepath.coordinator.theory.search.anytime import Improvement
     from cubepath.coordinator.theory.search.budget import SearchStage
 
@@ -93,7 +93,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> OptimalityRepo
         return None
     if seconds is not None and effort is not None:
         raise InputError("--improve and --effort: one counts seconds, one steps, expected one")
-    from cubepath.coordinator.theory.optimality.beyond import beyond  # noqa: PLC0415
+    from cubepath.coordinator.theory.optimality.optimality_report import beyond  # noqa: PLC0415
     from cubepath.coordinator.theory.optimality.tasks import task_of  # noqa: PLC0415
     from cubepath.coordinator.theory.search.exact import MAX_STATES  # noqa: PLC0415
 

@@ -101,7 +101,7 @@ def add_connect_options(view: argparse.ArgumentParser) -> None:
 
 def watch_elsewhere(options: argparse.Namespace) -> int:
     """Follow a run elsewhere on a page, until it ends or this is interrupted."""
-    from cubepath.coordinator.tools.live.elsewhere import watch_run  # noqa: PLC0415
+    from cubepath.coordinator.tools.live.remote_pages import watch_run  # noqa: PLC0415
 
     for name in ("input", "other", "output", "system", "of", "format", "fps"):
         if getattr(options, name):

@@ -15,7 +15,7 @@ from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.normal_form.array_heap import NormalForm
-    from cubepath.coordinator.tools.viewing.shown import RunView
+    from cubepath.coordinator.tools.viewing.run_view import RunView
     from cubepath.protocol.core.actions import Action
     from cubepath.protocol.core.system import Scene
     from cubepath.protocol.recordings.recording import Recording
@@ -126,7 +126,7 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _shown(drawn: DrawingInput, name: str, marks: Sequence[Mark]) -> RunView:
-    from cubepath.coordinator.tools.viewing.shown import RunView  # noqa: PLC0415
+    from cubepath.coordinator.tools.viewing.run_view import RunView  # noqa: PLC0415
 
     cubes, found = drawn.schedule()
     return RunView(

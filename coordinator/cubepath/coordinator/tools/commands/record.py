@@ -21,7 +21,7 @@ from cubepath.coordinator.commands.usage import AddCommand, number
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.tools.attached.recorder import Recorder
+    from cubepath.coordinator.tools.recorder.recorder import Recorder
 
 _LOOK_S = 0.2
 _above_0 = number("a number above 0", lambda each: each > 0)
@@ -96,7 +96,7 @@ def add_commands(command: AddCommand) -> None:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.tools.attached.recorder import record  # noqa: PLC0415
+    from cubepath.coordinator.tools.recorder.recorder import record  # noqa: PLC0415
 
     check_files(options, [], Output(options.output, (".mcap",)))
     if options.output is not None and options.output.is_file():

@@ -21,8 +21,8 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.plugins import plugin
-from cubepath.coordinator.tools.live.hearing import Hearing, Words
-from cubepath.coordinator.tools.viewing.shown import FORMAT, title_of
+from cubepath.coordinator.tools.live.claims import Hearing, Words
+from cubepath.coordinator.tools.viewing.run_view import FORMAT, title_of
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld, path_document, waits_of
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError

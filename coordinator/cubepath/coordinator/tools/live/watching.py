@@ -20,8 +20,8 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.tools.live.claims import HEARD
 from cubepath.coordinator.tools.live.feed import Feed
-from cubepath.coordinator.tools.live.hearing import HEARD
 from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.coordinator.tools.viewing.shown import Progress, RunView, document_of
+from cubepath.coordinator.tools.viewing.run_view import Progress, RunView, document_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 

@@ -1,8 +1,7 @@
 """From one random shape to another: hexagons that pivot, and squares that slide.
 
-How shapes are drawn stands in `cubepath.protocol.scenes.randomly.shapes`. Whether the goal can be
-reached is not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave
-corners (of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may
+`cubepath.protocol.scenes.random_scenes.shapes` draws the shapes. Whether the goal can be reached is
+not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave corners (of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may
 never meet again.
 """
 
@@ -18,10 +17,10 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue, walled
 from cubepath.protocol.scenes.families.sliding import sliding_catalogue
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.randomly.shapes import FOUR, SIX, grown_shape, uniform_shape
-from cubepath.protocol.scenes.randomly.shares import happens, share_of
-from cubepath.protocol.scenes.randomly.stream import SEED_MAX, Stream
-from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.scenes.random_scenes.shapes import FOUR, SIX, grown_shape, uniform_shape
+from cubepath.protocol.scenes.random_scenes.shares import happens, share_of
+from cubepath.protocol.scenes.random_scenes.stream import SEED_MAX, Stream
+from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 _UNIFORM_MAX = {SIX: 32, FOUR: 18}

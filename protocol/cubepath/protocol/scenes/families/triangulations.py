@@ -21,9 +21,9 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.randomly.stream import Stream
-from cubepath.protocol.scenes.randomly.triangulations import random_triangulation
-from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.scenes.random_scenes.stream import Stream
+from cubepath.protocol.scenes.random_scenes.triangulations import random_triangulation
+from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import (
     SWEEPS,

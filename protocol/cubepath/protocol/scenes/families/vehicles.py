@@ -13,9 +13,9 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.randomly.graphs import open_part, random_graph
-from cubepath.protocol.scenes.randomly.stream import SEED_MAX, Stream
-from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.scenes.random_scenes.graphs import open_part, random_graph
+from cubepath.protocol.scenes.random_scenes.stream import SEED_MAX, Stream
+from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import (
     Graph,

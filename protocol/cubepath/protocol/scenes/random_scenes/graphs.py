@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.scenes.randomly.shares import happens, share_of
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.shares import happens, share_of
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.systems.graphs import Graph
 
 _TREE = re.compile(r"tree([0-9]{1,9})")

@@ -22,10 +22,10 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import MOVES_MAX, About, about_key, ask, ask_path, find_run
 from cubepath.coordinator.runs.free_gatherer import Released
-from cubepath.coordinator.tools.attached.guests import guest_at
+from cubepath.coordinator.tools.live.claims import HEARD, Words
 from cubepath.coordinator.tools.live.feed import Feed
-from cubepath.coordinator.tools.live.hearing import HEARD, Words
 from cubepath.coordinator.tools.live.server import Server
+from cubepath.coordinator.tools.recorder.guests import guest_at
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError

@@ -10,7 +10,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.family import Values, whole
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 
 _MOVES_MAX = 100_000
 _WORK_MAX = 1_000_000

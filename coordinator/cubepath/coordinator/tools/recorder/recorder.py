@@ -22,17 +22,17 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import About, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.attached.backlog import (
+from cubepath.coordinator.tools.recorder.backlog import (
     Backlog,
     ReceivedMessage,
     RecentMessages,
     RecordedMessage,
 )
-from cubepath.coordinator.tools.attached.guests import guest_at
-from cubepath.coordinator.tools.attached.losses import LossCounter
-from cubepath.coordinator.tools.attached.parts import RecordingParts, SplitLimits, numbered
-from cubepath.coordinator.tools.attached.topics import Topics
-from cubepath.coordinator.tools.attached.turns import Item, LogTimes, MessageOrder
+from cubepath.coordinator.tools.recorder.guests import guest_at
+from cubepath.coordinator.tools.recorder.losses import LossCounter
+from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, numbered
+from cubepath.coordinator.tools.recorder.topics import Topics
+from cubepath.coordinator.tools.recorder.turns import Item, LogTimes, MessageOrder
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.given import seconds

@@ -11,9 +11,9 @@ import msgspec
 import pytest
 
 from cubepath.coordinator.runs.launch import start
-from cubepath.coordinator.tools.attached.backlog import ReceivedMessage
-from cubepath.coordinator.tools.attached.losses import Head
-from cubepath.coordinator.tools.attached.turns import Item, MessageOrder
+from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
+from cubepath.coordinator.tools.recorder.losses import Head
+from cubepath.coordinator.tools.recorder.turns import Item, MessageOrder
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from cubepath.coordinator.runs.free_gatherer import Released
-from cubepath.coordinator.tools.live import hearing as module
-from cubepath.coordinator.tools.live.elsewhere import Levels
-from cubepath.coordinator.tools.live.hearing import Hearing
+from cubepath.coordinator.tools.live import claims as module
+from cubepath.coordinator.tools.live.claims import Hearing
+from cubepath.coordinator.tools.live.remote_pages import Levels
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import to_json

@@ -23,7 +23,7 @@ from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import start
-from cubepath.coordinator.tools.attached.recorder import Recorder, record
+from cubepath.coordinator.tools.recorder.recorder import Recorder, record
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording

@@ -27,8 +27,8 @@ from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.seen import RESULTS, WireMessage, short, table
-from cubepath.coordinator.testing.wounds import ProcessFaults, Who
+from cubepath.coordinator.testing.process_faults import ProcessFaults, Who
+from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import Site

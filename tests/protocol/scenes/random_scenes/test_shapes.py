@@ -13,14 +13,14 @@ from chances import as_chance_has_it
 from complexes import actions_at
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEXAGONS, Cell
-from cubepath.protocol.scenes.randomly.shapes import (
+from cubepath.protocol.scenes.random_scenes.shapes import (
     FOUR,
     SIX,
     grown_once,
     grown_shape,
     uniform_shape,
 )
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 COUNTS = {SIX: (1, 3, 11, 44, 186, 814), FOUR: (1, 2, 6, 19, 63, 216)}

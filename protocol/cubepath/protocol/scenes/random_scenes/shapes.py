@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Cell
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 
 SIX: tuple[Cell, ...] = HEX_DIRECTIONS
 """The neighbours of a hexagon, in a circle."""

@@ -6,7 +6,7 @@ import re
 from fractions import Fraction
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 
 _DECIMAL = re.compile(r"[0-9]?(\.[0-9]{1,9})?")
 

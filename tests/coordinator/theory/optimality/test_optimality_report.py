@@ -13,7 +13,7 @@ from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.coordinator.theory.optimality import stages
-from cubepath.coordinator.theory.optimality.beyond import beyond
+from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.transitions import Transitions

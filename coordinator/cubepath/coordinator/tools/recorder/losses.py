@@ -11,7 +11,7 @@ from collections import Counter
 
 import msgspec
 
-from cubepath.coordinator.tools.attached.backlog import ReceivedMessage
+from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
 
 _MISSING_MAX = 100_000
 """So many missing numbers of a sender are remembered; more are counted, and never come."""

@@ -15,9 +15,9 @@ import pytest
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.testing.fixtures import RunFixture
-from cubepath.coordinator.testing.rig import RunUnderTest
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import WireMessage
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
-from cubepath.coordinator.tools.viewing.shown import RunView, document_of
+from cubepath.coordinator.tools.viewing.run_view import RunView, document_of
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording

@@ -15,8 +15,8 @@ from cubepath.coordinator.testing.checks import check_name, check_seconds, check
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.log import pattern_of
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import WireMessage
 from cubepath.coordinator.testing.wire import PlannedFault, Wire
+from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import Edge
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import chain
 from typing import Any, TypeAlias
 
-from cubepath.coordinator.tools.viewing.shown import (
+from cubepath.coordinator.tools.viewing.run_view import (
     DELIVERIES_MAX,
     Entry,
     claim_entry,
