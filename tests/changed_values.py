@@ -37,11 +37,11 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Edges, Summary, encode
-from free_runs import asked, free_recorded
-from junk import places_in, spelled
-from recordings import new_path, recorded
-from schedules import carry_out, original
-from tamperings_of_schedules import stopped
+from samples.free_runs import asked, free_recorded
+from samples.recordings import new_path, recorded
+from samples.schedules import carry_out, original
+from tampering.junk import places_in, spelled
+from tampering.tamperings_of_schedules import stopped
 
 SECONDS_MAX, BYTES_MAX = 30, 4 << 30
 """In so much time of a processor, and in so much memory, a changed recording is to be verified."""

@@ -20,9 +20,9 @@ except ModuleNotFoundError:
     sys.exit("fuzz.py: needs atheris: pip install atheris")
 
 with atheris.instrument_imports(include=["cubepath"]):
-    from driven import CASES, Driven, fate
-    from fuzzed_files import FILES, refusal
-    from junk import Junk
+    from samples.driven import CASES, Driven, fate
+    from tampering.fuzzed_files import FILES, refusal
+    from tampering.junk import Junk
 
 
 class Guided(Random):

@@ -35,8 +35,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from command_line import GOLDEN, ROOT, in_shell
 from cubepath.coordinator.commands.main import main
+from processes.command_line import GOLDEN, ROOT, in_shell
 
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
 ENDLESS = ("router", "join")

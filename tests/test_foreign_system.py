@@ -45,7 +45,7 @@ START = replace(RING, name="start", system=Start)
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Install a distribution with a system into a folder; return an environment that has it."""
     folder = tmp_path_factory.mktemp("site")
-    shutil.copy(Path(__file__).parent / "switches.py", folder / "switches_on_a_ring.py")
+    shutil.copy(Path(__file__).parent / "samples" / "switches.py", folder / "switches_on_a_ring.py")
     info = folder / "switches_on_a_ring-1.0.dist-info"
     info.mkdir()
     metadata = "Metadata-Version: 2.1\nName: switches-on-a-ring\nVersion: 1.0\n"

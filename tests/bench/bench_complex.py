@@ -1,7 +1,7 @@
 """Exploring states and building cubes: states and cubes a second, and bytes a cell, as they grow.
 
 Floor: one compiled pass over the arrays that were built, reading every face once. The obvious
-enumeration of tests/complexes.py stands beside it as far as it goes in a few seconds.
+enumeration of tests/oracles/complexes.py stands beside it as far as it goes in a few seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import complexes
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.links import check_links
 from cubepath.coordinator.theory.complexes.state_complexes import (
@@ -27,6 +26,7 @@ from cubepath.coordinator.theory.complexes.state_complexes import (
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles import complexes
 
 ARMS = [f"arm:n={count}" for count in range(12, 19)]
 HEXAGONS = [f"hex:n={count},base=1" for count in (4, 5, 6, 7, 8, 9)]

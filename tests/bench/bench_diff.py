@@ -29,7 +29,7 @@ from cubepath.protocol.wire.messages import decode
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 from bench_recording import floor, peak, seconds
 
-from long_runs import write
+from samples.long_runs import write
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES = (10_000, 30_000)

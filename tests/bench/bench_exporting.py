@@ -2,9 +2,9 @@
 
     python tests/bench/bench_exporting.py [--quick]
 
-The recordings are long runs with rounds (`tests/long_runs.py`). *read* is a pass over the messages
-as bytes; *decoded* is a pass over `Recording.messages`, which whoever writes his own exporter would
-begin with, and every other column is a multiple of its time: the `moves` as CSV, the `messages` as
+The recordings are long runs with rounds (`tests/samples/long_runs.py`). *read* is a pass over the
+messages as bytes; *decoded* is a pass over `Recording.messages`, with which an
+exporter of your own would begin, and every other column is a multiple of its time: the `moves` as CSV, the `messages` as
 CSV, Parquet and JSON Lines, the file for viewers without and with the robot, a filter that takes
 half of the topics, a split into four parts, and the merge of these. Times are processor times of
 one thread, medians of several, by turns. *growth* is the slope of log time over log messages of all
@@ -34,7 +34,7 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 sys.path.append(str(Path(__file__).parents[1]))
-import long_runs
+from samples import long_runs
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES, QUICK_SIZES = (2_500, 10_000, 40_000), (1_000, 4_000)

@@ -33,7 +33,7 @@ from cubepath.protocol.wire.sessions import (
     publisher,
     subscribe,
 )
-from ears import wait_for_subscriber
+from processes.ears import wait_for_subscriber
 
 KEY = "cubepath/r/go/coordinator"
 SIZES = (2_000, 8_000, 32_000)

@@ -57,7 +57,12 @@ def received(count: int, rate: float, *, recorded: bool) -> tuple[float, float]:
     """Return the seconds, and the processor time, in which a process receives all messages."""
     with TemporaryDirectory() as folder, Router("tcp/127.0.0.1:0") as router:
         at = router.endpoint
-        publish = [sys.executable, "publisher.py", at, *map(str, (count, rate, "block", SIZE))]
+        publish = [
+            sys.executable,
+            "processes/publisher.py",
+            at,
+            *map(str, (count, rate, "block", SIZE)),
+        ]
         record = ["-m", "cubepath", "record", "--connect", at, "-o", f"{folder}/a.mcap", "--json"]
         receive = [sys.executable, *(record if recorded else ["-c", COUNTER, at, str(count)])]
         pipe = subprocess.PIPE

@@ -41,8 +41,8 @@ from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import decode
 
 sys.path.append(str(Path(__file__).parents[1]))
-from free_runs import write_long
-from long_runs import write
+from samples.free_runs import write_long
+from samples.long_runs import write
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES = (20_000, 60_000, 180_000)

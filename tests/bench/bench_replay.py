@@ -47,8 +47,8 @@ from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 
 sys.path.append(str(Path(__file__).parents[1]))
-import long_runs
-from ears import wait_for_subscriber
+from processes.ears import wait_for_subscriber
+from samples import long_runs
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES, QUICK_SIZES = (10_000, 100_000), (1_000, 4_000)

@@ -32,7 +32,7 @@ from cubepath.coordinator.tools.viewing.run_view import RunView, document_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from strategies import random_walk
+from samples.strategies import random_walk
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
 LONG, WIDE = "hex:n=12", "agv:graph=grid40x40,n=400"

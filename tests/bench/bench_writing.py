@@ -38,8 +38,7 @@ from cubepath.protocol.recordings.writing import CHUNK_BYTES, RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 sys.path.append(str(Path(__file__).parents[1]))
-import free_runs
-import long_runs
+from samples import free_runs, long_runs
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES, QUICK_SIZES = (8_000, 32_000, 128_000), (1_000, 4_000)

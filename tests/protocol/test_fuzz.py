@@ -9,8 +9,8 @@ from unittest import mock
 import pytest
 from hypothesis import given, strategies as st
 
-import fuzzed_files
-from fuzzed_files import FILES, refusal
+from tampering import fuzzed_files
+from tampering.fuzzed_files import FILES, refusal
 
 
 @pytest.mark.slow

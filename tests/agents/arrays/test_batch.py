@@ -20,9 +20,9 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.systems.listed import TabledSystem
-from stepwise import together
-from strategies import SCENES
-from switches import ring
+from oracles.stepwise import together
+from samples.strategies import SCENES
+from samples.switches import ring
 
 CROWDED = (
     "hex:n=12",

@@ -25,7 +25,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
-from strategies import SCENES
+from samples.strategies import SCENES
 
 
 def actions_of(env: CubepathEnv, seen: Mapping[str, Any], random: np.random.Generator) -> Any:

@@ -29,7 +29,7 @@ from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 SPECS = [
     *LOCAL_FAMILIES,

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import ROOT, cubepath
 from cubepath.agents import (
     check_rule,
     parallel_env,
@@ -31,6 +30,7 @@ from cubepath.agents.rules.policy import read_network
 from cubepath.coordinator import run
 from cubepath.protocol import InputError
 from pasted import blocks
+from processes.command_line import ROOT, cubepath
 
 sb3_contrib = pytest.importorskip("sb3_contrib")
 torch = pytest.importorskip("torch")

@@ -20,7 +20,7 @@ from cubepath.agents.environments.playing import play
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 SPECS = [*LOCAL_FAMILIES, "agv:graph=K5,n=3"]
 

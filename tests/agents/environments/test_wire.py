@@ -31,8 +31,8 @@ from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.messages import Message, Report, decode, parts_of
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.sessions import open_client, subscribe
-from local_families import LOCAL_FAMILIES
 from marked import some
+from samples.local_families import LOCAL_FAMILIES
 
 Path = list[tuple[int, int, str, object]]
 

@@ -15,7 +15,7 @@ from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import locked_file
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_fleets import PATIENCE_S, Watch, listened, watched
+from processes.watched_fleets import PATIENCE_S, Watch, listened, watched
 
 pytestmark = pytest.mark.slow
 

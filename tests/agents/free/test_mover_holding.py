@@ -31,7 +31,7 @@ from cubepath.protocol.wire.free_messages import (
     Shown,
     Shows,
 )
-from keeper_world import Dealt
+from exploration.keeper_world import Dealt
 
 SCENE = replace(scene_from_spec("agv:graph=S3,n=1"), start=(0,), goal=None, goals=())
 TILES = Dealt(SCENE.system, {0: 1, 1: 0, 2: 2, 3: 2})

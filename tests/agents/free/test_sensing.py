@@ -7,7 +7,7 @@ from itertools import pairwise
 from cubepath.agents.free.sensing import KEEP_S, LOOK_S, LOOK_S_MAX, NOTHING, Place, Sensing
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Shown, Shows
-from keeper_world import Dealt
+from exploration.keeper_world import Dealt
 
 SCENE = scene_from_spec("agv:graph=S3,n=1")
 TILES = Dealt(SCENE.system, {0: 0, 1: 0, 2: 0, 3: 0})

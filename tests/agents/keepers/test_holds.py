@@ -21,8 +21,8 @@ from cubepath.protocol.wire.free_messages import (
     Inquiry,
     Passed,
 )
-from keeper_seats import check_keeper
-from keeper_world import Dealt, Part, letters_of
+from exploration.keeper_seats import check_keeper
+from exploration.keeper_world import Dealt, Part, letters_of
 
 ROW = replace(scene_from_spec("agv:graph=P6,n=3"), start=(0, 2, 4), goal=None, goals=())
 TILES = Dealt(ROW.system, {0: 0, 1: 0, 2: 0, 3: 0, 4: 0, 5: 1})

@@ -21,8 +21,8 @@ from cubepath.protocol.wire.free_messages import (
     Entered,
     Hold,
 )
-from keeper_seats import check_keeper
-from keeper_world import Dealt, Letter, letters_of
+from exploration.keeper_seats import check_keeper
+from exploration.keeper_world import Dealt, Letter, letters_of
 
 SCENE = replace(scene_from_spec("agv:graph=grid2x3,n=3"), goal=None, goals=())
 SYSTEM, MODULES, KEEPERS = SCENE.system, range(len(SCENE.start)), range(2)

@@ -25,7 +25,7 @@ from cubepath.agents.keepers.journal import (
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Moved, Passed
-from free_runs import FreeRun
+from samples.free_runs import FreeRun
 
 Lines: TypeAlias = list[bytes]
 

@@ -34,7 +34,7 @@ from cubepath.protocol.wire.free_messages import (
     Tail,
     Tells,
 )
-from keeper_world import Dealt
+from exploration.keeper_world import Dealt
 
 STAR = replace(scene_from_spec("agv:graph=S3,n=2"), start=(1, 2), goal=None, goals=())
 TILES = Dealt(STAR.system, {0: 1, 1: 0, 2: 1, 3: 1})

@@ -13,8 +13,8 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Enter, Inquiry
-from keeper_explorer import Broken, Explorer
-from keeper_world import Faults, Scenario
+from exploration.keeper_explorer import Broken, Explorer
+from exploration.keeper_world import Faults, Scenario
 
 Targets = Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]
 

@@ -26,7 +26,7 @@ from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.scenes.specs import scene_from_spec
-from obvious_rounds import maximal, rank, settled
+from oracles.obvious_rounds import maximal, rank, settled
 
 SPECS = [
     "hex:n=7",

@@ -25,8 +25,8 @@ from cubepath.protocol.wire.messages import (
     Report,
     Verdict,
 )
-from local_families import LOCAL_FAMILIES
-from obvious_rounds import settled, sites_after
+from oracles.obvious_rounds import settled, sites_after
+from samples.local_families import LOCAL_FAMILIES
 
 SPECS = [
     "hex:n=7",

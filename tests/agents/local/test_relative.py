@@ -34,8 +34,8 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
-from local_families import LOCAL_FAMILIES
-from switches import RING, Ring
+from samples.local_families import LOCAL_FAMILIES
+from samples.switches import RING, Ring
 
 LATTICES = ["hex:n=5", "hex-open:n=4", "hex-tunnel", "sliding:p=2,q=1,n=4", "arm:n=5", "arm-free"]
 SPECS = [

@@ -20,8 +20,8 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Again, Go, Message, Report, Reports, Said, encode
 from cubepath.protocol.wire.nodes import Effect, Put, Timer
-from explorer import FAULTS, BrokenError, Explored, Explorer, Fault
-from short_runs import RUN, Coordinator, ShortRun
+from exploration.explorer import FAULTS, BrokenError, Explored, Explorer, Fault
+from samples.short_runs import RUN, Coordinator, ShortRun
 
 
 def _from(spec: str, *start: Site) -> Scene:

@@ -12,8 +12,8 @@ from hypothesis import given, strategies as st
 
 from cubepath.agents.processes.orders import OUTSIDE
 from cubepath.protocol.wire.messages import NoMessageError, decode
-from driven import CASES, COORDINATOR, RUN, Driven, fate
-from junk import Junk
+from samples.driven import CASES, COORDINATOR, RUN, Driven, fate
+from tampering.junk import Junk
 
 Told = list[tuple[int, str, bytes]]
 

@@ -30,7 +30,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
-from elsewhere import soon
+from processes.elsewhere import soon
 
 pytestmark = pytest.mark.slow
 

@@ -33,7 +33,7 @@ from cubepath.protocol.wire.messages import (
     encode,
 )
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
-from obvious_rounds import rank
+from oracles.obvious_rounds import rank
 
 RUN = "run"
 ROW = "agv:graph=grid12x1,n=2"

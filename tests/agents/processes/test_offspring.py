@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.runs.launch import start
-from elsewhere import soon
-from living import is_there
+from processes.elsewhere import soon
+from processes.living import is_there
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from cubepath.agents.processes.settling import Settling
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Report
-from obvious_rounds import rank
+from oracles.obvious_rounds import rank
 
 SYSTEM = scene_from_spec("agv:graph=P20,n=2").system
 FIRST = next(seed for seed in range(20) if rank(seed, 3, 0) > rank(seed, 3, 1))

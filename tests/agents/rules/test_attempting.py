@@ -17,7 +17,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.wire.free_messages import Attempt
 from cubepath.protocol.wire.tiles import Tiles
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 PATH = GraphSystem(range(4), [(0, 1), (1, 2), (2, 3)])
 

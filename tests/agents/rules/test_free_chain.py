@@ -9,7 +9,7 @@ from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from free_plays import Pace, paces
+from samples.free_plays import Pace, paces
 
 
 @st.composite

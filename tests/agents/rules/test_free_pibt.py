@@ -9,8 +9,8 @@ from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.free_pibt import AT_GOAL, PushRegister, patience
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.protocol.core.system import Scene
-from free_plays import Pace, paces
-from vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
+from samples.free_plays import Pace, paces
+from samples.vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
 
 
 class Kept(Exception):  # noqa: N818 - no error: it ends a play

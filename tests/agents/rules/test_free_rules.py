@@ -18,8 +18,8 @@ from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from free_plays import Pace, paces
-from local_families import LOCAL_FAMILIES
+from samples.free_plays import Pace, paces
+from samples.local_families import LOCAL_FAMILIES
 
 SCENES = {
     "random": "sliding:p=3,q=2,n=4",

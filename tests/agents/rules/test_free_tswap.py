@@ -17,8 +17,8 @@ from cubepath.agents.rules.rule import Choice
 from cubepath.agents.rules.tswap import TSWAP
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
-from free_plays import Pace, paces
-from vehicle_scenes import cycle, scene_on
+from samples.free_plays import Pace, paces
+from samples.vehicle_scenes import cycle, scene_on
 
 
 class Goals:

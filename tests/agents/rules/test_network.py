@@ -13,7 +13,7 @@ from cubepath.agents.local.relative import relative_layout
 from cubepath.agents.rules.policy import FORMAT, Layer, Network, network_rule, read_network
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from stacked import Side
+from oracles.stacked import Side
 
 SPEC = "agv:graph=grid3x3,n=3"
 

@@ -19,7 +19,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_name
-from vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
+from samples.vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
 

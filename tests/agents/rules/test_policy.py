@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from command_line import cubepath
 from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import play_in_python
@@ -23,10 +22,11 @@ from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Executed
-from local_families import LOCAL_FAMILIES
 from marked import some
-from plain_steps import COMPILED, PLAIN, plain_steps
-from stacked import Side
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from oracles.stacked import Side
+from processes.command_line import cubepath
+from samples.local_families import LOCAL_FAMILIES
 
 SHOWINGS: list[Showing] = ["absolute", "relative"]
 

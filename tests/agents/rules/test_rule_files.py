@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from command_line import cubepath, refused
 from cubepath.agents.rules.registry import rule_in_file, rule_named, rules
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
+from processes.command_line import cubepath, refused
 
 RULES = """
 from dataclasses import dataclass

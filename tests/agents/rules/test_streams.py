@@ -19,7 +19,7 @@ from cubepath.agents.rules.actor import HESITATE, RULE, Actor, NoSeed, actors_fo
 from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 SEED = 918_273_645_546_372_819
 

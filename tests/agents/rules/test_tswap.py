@@ -20,7 +20,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_map, graph_from_name
-from vehicle_scenes import cycle, scene_on
+from samples.vehicle_scenes import cycle, scene_on
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
 

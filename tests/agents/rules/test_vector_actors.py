@@ -35,9 +35,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
-from local_families import LOCAL_FAMILIES
-from plain_steps import COMPILED, PLAIN, plain_steps
-from stacked import Side, stacked
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from oracles.stacked import Side, stacked
+from samples.local_families import LOCAL_FAMILIES
 
 CHAINS = [
     "hex:n=6,bend=60",

@@ -12,7 +12,7 @@ from cubepath.agents.rules.actor import HESITATE, RULE, stream, stream_at
 from cubepath.agents.rules.vector_rule import Streams
 from cubepath.agents.rules.vector_streams import draw_below, draw_fraction, streams_of
 from cubepath.protocol.core.errors import InputError
-from plain_steps import COMPILED, PLAIN, plain_steps
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
 
 MOST = 2**32 - 1
 SEEDS = st.one_of(st.integers(0, 2**16), st.integers(0, 2**260))

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-import tamperings_of_choices
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule
 from cubepath.coordinator.auditing.recording import audit
@@ -23,11 +22,12 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
-from recordings import edited, first, new_path, parts, recorded, with_records
-from schedules import CHAIN, LABELLED, VEHICLES, carry_out, original
-from tamperings import crowd, failing
-from tamperings_of_choices import LIAR, LIE_IN
-from tamperings_of_schedules import carried_out, not_begun, stopped
+from samples.recordings import edited, first, new_path, parts, recorded, with_records
+from samples.schedules import CHAIN, LABELLED, VEHICLES, carry_out, original
+from tampering import tamperings_of_choices
+from tampering.tamperings import crowd, failing
+from tampering.tamperings_of_choices import LIAR, LIE_IN
+from tampering.tamperings_of_schedules import carried_out, not_begun, stopped
 
 GOLDEN = sorted((Path(__file__).parents[3] / "logs" / "golden").glob("*.mcap"))
 

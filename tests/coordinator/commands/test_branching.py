@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.verification.recording import recover, verify
-from wrecks import taken_apart
+from processes.command_line import GOLDEN, refused
+from tampering.wrecks import taken_apart
 
 LOG = str(GOLDEN / "agv-6.mcap")
 Capture = pytest.CaptureFixture[str]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from command_line import ROOT, cubepath, refused
+from processes.command_line import ROOT, cubepath, refused
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN, cubepath, in_shell, without_reader
 from cubepath.coordinator.commands.main import main
+from processes.command_line import GOLDEN, cubepath, in_shell, without_reader
 
 pytestmark = pytest.mark.slow
 

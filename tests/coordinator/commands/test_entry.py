@@ -10,8 +10,8 @@ from types import ModuleType
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.commands.entry import entry
+from processes.command_line import GOLDEN
 
 MAIN = "cubepath.coordinator.commands.main"
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN, PYTHON, ROOT, cubepath, in_shell
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
 from cubepath.protocol.scenes.toml import scene_to_toml
-from strategies import scene
+from processes.command_line import GOLDEN, PYTHON, ROOT, cubepath, in_shell
+from samples.strategies import scene
 
 PLANS = ROOT / "tests" / "data" / "imports"
 MOVES = [

@@ -15,7 +15,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.free_messages import Moved, decode_free, free_key
-from free_runs import free_recorded, free_run, results, write
+from samples.free_runs import free_recorded, free_run, results, write
 
 SPEC = "hex:n=7"
 

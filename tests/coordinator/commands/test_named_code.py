@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import GOLDEN, refused
 from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator import run
 from cubepath.coordinator.commands.main import main
@@ -23,7 +22,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
 from cubepath.protocol.scenes.toml import scene_to_toml
-from strategies import scene
+from processes.command_line import GOLDEN, refused
+from samples.strategies import scene
 
 CANARY = """
 from pathlib import Path

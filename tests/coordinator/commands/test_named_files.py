@@ -13,8 +13,6 @@ from typing import TypeAlias
 
 import pytest
 
-from audited import carried_out
-from command_line import GOLDEN, refused
 from cubepath.coordinator import record, run, start
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.spec import read_sweep_file
@@ -22,7 +20,9 @@ from cubepath.coordinator.verification.told_scene import with_told_scene
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.remains import remains_of
 from cubepath.protocol.scenes.toml import scene_to_toml
-from strategies import scene
+from processes.audited import carried_out
+from processes.command_line import GOLDEN, refused
+from samples.strategies import scene
 
 SCENARIO = {"grid": [3, 2], "starts": [[0, 0]], "goals": [[2, 0]]}
 Plant: TypeAlias = Callable[[Path, Path], object]

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from command_line import PYTHON, refused
 from cubepath.agents import RuleType, play
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol import Family
+from processes.command_line import PYTHON, refused
 
 
 @pytest.fixture(autouse=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from audited import Carried, carried_out
 from cubepath.protocol.scenes.toml import scene_to_toml
-from strategies import scene
+from processes.audited import Carried, carried_out
+from samples.strategies import scene
 
 pytestmark = pytest.mark.slow
 

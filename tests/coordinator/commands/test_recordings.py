@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from command_line import GOLDEN, in_shell, without_reader
 from cubepath.coordinator.commands.main import main
+from processes.command_line import GOLDEN, in_shell, without_reader
 
 Capture = pytest.CaptureFixture[str]
 both = pytest.mark.parametrize("command", ["info", "verify"])

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN, PYTHON, refused
 from cubepath.coordinator.commands.keyboard import keys_in, order_of
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.orders import Seek, StepBack, StepForward
+from processes.command_line import GOLDEN, PYTHON, refused
 
 HEX = str(GOLDEN / "hex-5.mcap")
 Capture = pytest.CaptureFixture[str]

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.commands.usage import module_numbers
 from cubepath.coordinator.experiments.spec import Sweep, expand
 from cubepath.coordinator.runs.plan import Plan, task_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.registry import all_families
+from processes.command_line import refused
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from command_line import PYTHON, cubepath, refused
+from processes.command_line import PYTHON, cubepath, refused
 
 pytestmark = pytest.mark.slow
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from command_line import PYTHON, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import read_runs
+from processes.command_line import PYTHON, refused
 
 
 def test_a_sweep_is_played_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.plots import price_plot
 from cubepath.coordinator.experiments.rows import Row
@@ -17,6 +16,7 @@ from cubepath.coordinator.experiments.tables import FACTORS, price_table, priced
 from cubepath.coordinator.theory.scene_facts import facts_of
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
+from processes.command_line import refused
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from xml.etree import ElementTree as ET
 import pyarrow.parquet
 import pytest
 
-from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder, table_of
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
@@ -35,6 +34,7 @@ from cubepath.coordinator.experiments.tables import (
     shown,
 )
 from cubepath.protocol.core.errors import InputError
+from processes.command_line import refused
 
 SLOW_RULE = """
 from dataclasses import replace

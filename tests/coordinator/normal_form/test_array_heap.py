@@ -16,8 +16,8 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from plain_steps import COMPILED, PLAIN, plain_steps
-from strategies import Word, crowded_words, edge, lists_of, toggle, words
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.strategies import Word, crowded_words, edge, lists_of, toggle, words
 
 
 @st.composite

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from msgspec.structs import replace
 
-from altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 from counted_lines import lines_of
 from cubepath.coordinator.normal_form.certificate import (
     certificate_of,
@@ -33,8 +32,8 @@ from cubepath.protocol.path_files.certificates import (
     write_certificate,
 )
 from cubepath.protocol.wire.messages import Certified, encode
-from obvious import obvious_normal_form
-from strategies import (
+from oracles.obvious import obvious_normal_form
+from samples.strategies import (
     SCENES,
     Word,
     crowded_words,
@@ -47,6 +46,7 @@ from strategies import (
     walks_with_detours,
     words,
 )
+from tampering.altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 
 all_words = st.one_of(words(max_size=40), crowded_words())
 

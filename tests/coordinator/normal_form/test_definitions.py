@@ -8,7 +8,7 @@ from hypothesis import given
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube, is_normal
 from cubepath.protocol.core.actions import apply, commute
 from cubepath.protocol.core.errors import InputError
-from strategies import Word, edge, words
+from samples.strategies import Word, edge, words
 
 
 @given(words())

@@ -15,16 +15,16 @@ from random import Random
 import pytest
 from hypothesis import assume, example, given, settings, strategies as st
 
-from complexes import actions_at, commuting_sets
 from cubepath.coordinator.normal_form import heap as heap_module
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.system import Scene
-from obvious import obvious_normal_form
-from plain_steps import COMPILED, PLAIN, plain_steps
-from strategies import (
+from oracles.complexes import actions_at, commuting_sets
+from oracles.obvious import obvious_normal_form
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.strategies import (
     SCENES,
     ClassKey,
     Word,
@@ -369,7 +369,7 @@ def test_a_move_costs_its_support_however_long_the_path() -> None:
 
 
 _SHOW = """
-from strategies import toggle
+from samples.strategies import toggle
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 word = [toggle("a", "z"), toggle("m", "b"), toggle("c", reads="zm"), toggle(("q", 1), "q")]

@@ -26,7 +26,7 @@ from cubepath.protocol.path_files.schedules import (
     timetable_schema,
     write_timetable,
 )
-from strategies import (
+from samples.strategies import (
     SCENES,
     Word,
     edge,

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.machine import (
     AllPlayed,
     Machine,
@@ -24,7 +23,8 @@ from cubepath.coordinator.playback.timeline import Timeline, read_pace, read_spo
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
-from recordings import with_records
+from processes.command_line import GOLDEN
+from samples.recordings import with_records
 
 BEGAN = 1000.0
 

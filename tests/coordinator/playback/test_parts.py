@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from msgspec import structs
 
-from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.playback.segments import RecordedStates
@@ -20,7 +19,8 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.messages import Reports, decode, encode
-from recordings import new_path
+from processes.command_line import GOLDEN
+from samples.recordings import new_path
 
 HEX = GOLDEN / "hex-5.mcap"
 AGV = GOLDEN / "agv-6.mcap"

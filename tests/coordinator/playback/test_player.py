@@ -15,7 +15,6 @@ import msgspec
 import pytest
 import zenoh
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.orders import Position
 from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.gatherer import Gatherer
@@ -25,8 +24,9 @@ from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Edges
 from cubepath.protocol.wire.sessions import open_client, subscribe
-from ears import wait_for_subscriber
-from recordings import edited, first, parts, recorded
+from processes.command_line import GOLDEN
+from processes.ears import wait_for_subscriber
+from samples.recordings import edited, first, parts, recorded
 
 HEX = GOLDEN / "hex-5.mcap"
 

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.segments import RecordedStates
 from cubepath.coordinator.playback.timeline import (
     START,
@@ -27,8 +26,9 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
-from free_runs import free_run, results, write
-from recordings import recorded, with_records
+from processes.command_line import GOLDEN
+from samples.free_runs import free_run, results, write
+from samples.recordings import recorded, with_records
 
 WHOLE = read_recording(GOLDEN / "hex-5.mcap")
 

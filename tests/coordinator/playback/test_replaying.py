@@ -16,7 +16,6 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback import playing as replay_module
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
@@ -26,8 +25,9 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import decode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
-from ears import wait_for_subscriber
-from recordings import all_edited, edited, first, parts, recorded, with_records
+from processes.command_line import GOLDEN
+from processes.ears import wait_for_subscriber
+from samples.recordings import all_edited, edited, first, parts, recorded, with_records
 
 REAL = [
     ("agv:graph=grid4x4,n=7", "tswap"),

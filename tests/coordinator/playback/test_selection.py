@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.records import Record
-from recordings import recorded
+from processes.command_line import GOLDEN
+from samples.recordings import recorded
 
 HEX = read_recording(GOLDEN / "hex-5.mcap")
 

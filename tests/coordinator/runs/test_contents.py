@@ -13,7 +13,6 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from msgspec import structs
 
-from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -21,7 +20,8 @@ from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode
-from recordings import all_edited, first, new_path, recorded, with_records
+from processes.command_line import GOLDEN
+from samples.recordings import all_edited, first, new_path, recorded, with_records
 
 
 def crowd() -> Recording:

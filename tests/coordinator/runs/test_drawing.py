@@ -25,7 +25,7 @@ from cubepath.coordinator.runs.films import animate
 from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from random_runs import SPECS, random_run
+from samples.random_runs import SPECS, random_run
 
 
 def test_an_inadmissible_move_is_refused(tmp_path: Path) -> None:

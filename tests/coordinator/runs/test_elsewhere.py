@@ -24,7 +24,7 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.sessions import open_client
-from elsewhere import Commands, Running, soon
+from processes.elsewhere import Commands, Running, soon
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from cubepath.agents.rendering.pen import palette
 from cubepath.coordinator.runs.films import animate
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from random_runs import random_run
+from samples.random_runs import random_run
 
 
 def frames_of(path: Path) -> list[tuple[NDArray[np.uint8], int]]:

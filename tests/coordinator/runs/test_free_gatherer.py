@@ -19,8 +19,8 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.free_messages import Moved, Tail
-from free_runs import free_run, results, write
-from obvious import obvious_normal_form
+from oracles.obvious import obvious_normal_form
+from samples.free_runs import free_run, results, write
 
 SPECS = (
     "agv:graph=grid6x6,n=6",

@@ -21,7 +21,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Certified, Cube, Report, decode, encode
-from recordings import edited, first, recorded, with_records
+from samples.recordings import edited, first, recorded, with_records
 
 SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
 

@@ -37,7 +37,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Executed, Summary, decode, kind_of
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
-from recordings import parts
+from samples.recordings import parts
 
 PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
 LONG = ["--rule=random", "--max-rounds=999999"]

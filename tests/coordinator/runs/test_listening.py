@@ -19,7 +19,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.router import Router
-from living import is_there
+from processes.living import is_there
 
 SYSTEM = "hex:n=4"
 CLOCKS = pytest.mark.parametrize("clock", ["lockstep", "free"])

@@ -12,8 +12,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from msgspec import json as wire
 
-import noting
-from command_line import GOLDEN
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
@@ -21,15 +19,17 @@ from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from elsewhere import Commands
-from noting import WHEN, WHO
-from recordings import edited, first, new_path, parts, recorded
-from schedules import VEHICLES, carry_out, original
+from processes.command_line import GOLDEN
+from processes.elsewhere import Commands
+from samples import noting
+from samples.noting import WHEN, WHO
+from samples.recordings import edited, first, new_path, parts, recorded
+from samples.schedules import VEHICLES, carry_out, original
 
 NOTING = f"{noting.__file__}:noting"
 CROWD = "agv:graph=grid4x4,n=7"
 SYSTEMS = (CROWD, "agv-labelled:graph=grid4x4,n=6", "hex:n=5", "arm:n=5")
-OWN = Path(__file__).parents[2] / "own_module.py"
+OWN = Path(__file__).parents[2] / "processes" / "own_module.py"
 
 
 def said(recording: Recording) -> set[bytes]:

@@ -23,7 +23,7 @@ from cubepath.coordinator.runs.resuming import check_logs
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Asks, Attempt
-from free_runs import FreeRun, write
+from samples.free_runs import FreeRun, write
 
 KEEPERS = 2
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from elsewhere import Commands, folders, soon
+from processes.elsewhere import Commands, folders, soon
 
 pytestmark = pytest.mark.slow
 

@@ -24,10 +24,10 @@ from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.sessions import open_client, put
-from ears import wait_for_subscriber
-from recordings import parts
+from processes.ears import wait_for_subscriber
+from samples.recordings import parts
 
-OWN = Path(__file__).parents[2] / "own_module.py"
+OWN = Path(__file__).parents[2] / "processes" / "own_module.py"
 MODULE = 1
 SEED = 2
 STILL_S = 1.5

@@ -30,7 +30,7 @@ from cubepath.protocol.wire.messages import (
     decode,
     encode,
 )
-from obvious_rounds import rank
+from oracles.obvious_rounds import rank
 
 START = (0, 2, 9, 11)
 MODULES_OF = [[0, 1], [2, 3]]

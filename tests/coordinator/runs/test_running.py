@@ -22,7 +22,7 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, subscribe
-from living import is_there
+from processes.living import is_there
 
 VEHICLES = "agv-labelled:graph=grid4x4,n=6"
 

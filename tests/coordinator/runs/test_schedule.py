@@ -29,10 +29,10 @@ from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Executed, Stopped
-from local_families import LOCAL_FAMILIES
 from marked import some
-from recordings import recorded
-from schedules import (
+from samples.local_families import LOCAL_FAMILIES
+from samples.recordings import recorded
+from samples.schedules import (
     CHAIN,
     LABELLED,
     VEHICLES,

@@ -17,8 +17,8 @@ from cubepath.protocol.wire.authority import make_certificates
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
-from ears import Ear
-from elsewhere import Commands
+from processes.ears import Ear
+from processes.elsewhere import Commands
 
 pytestmark = pytest.mark.slow
 

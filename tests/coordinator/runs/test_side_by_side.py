@@ -15,7 +15,7 @@ from cubepath.coordinator.runs.drawing import cancelled_moves
 from cubepath.coordinator.runs.side_by_side import _Screen, animate_beside
 from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.core.errors import InputError
-from random_runs import random_run
+from samples.random_runs import random_run
 
 
 @pytest.mark.few(1)

@@ -9,7 +9,7 @@ import pytest
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.scenes.specs import scene_from_spec
-from random_runs import SPECS, random_run
+from samples.random_runs import SPECS, random_run
 
 
 @pytest.mark.parametrize("spec", [*SPECS, "sliding:p=2,q=2,n=5", "arms:n=2"])

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from msgspec.structs import replace
 
-import noting
-from command_line import GOLDEN
 from cubepath.agents.environments.world import World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
@@ -27,8 +25,10 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Go, encode, kind_of
 from marked import some
-from recordings import all_edited, edited, first, new_path, parts, recorded
-from schedules import VEHICLES, carry_out as carried_out, original
+from processes.command_line import GOLDEN
+from samples import noting
+from samples.recordings import all_edited, edited, first, new_path, parts, recorded
+from samples.schedules import VEHICLES, carry_out as carried_out, original
 
 NOTING = f"{noting.__file__}:noting"
 OTHER = f"{noting.__file__}:other"

@@ -20,7 +20,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import read_moves_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
-from strategies import SCENES, scene, walk
+from samples.strategies import SCENES, scene, walk
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
 CROSSING = "agv:graph=grid3x2,n=2"

@@ -27,8 +27,8 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Report, Reports, encode
-from obvious import obvious_normal_form
-from strategies import scene
+from oracles.obvious import obvious_normal_form
+from samples.strategies import scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
 SPECS = ("hex:n=4", "agv:graph=grid3x3,n=3", "agv-labelled:graph=grid3x3,n=3", "arm:n=5")

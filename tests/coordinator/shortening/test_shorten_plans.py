@@ -17,7 +17,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import PlanHints
 from cubepath.protocol.wire.messages import encode
-from plans import DATA
+from samples.plans import DATA
 
 AGV = Path(__file__).parents[2] / "data" / "agv"
 ROOM = DATA / "room.map"

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import PlanHints
-from plans import DATA, agents_text, log_text, save
+from processes.command_line import refused
+from samples.plans import DATA, agents_text, log_text, save
 
 TRAIN = json.loads((DATA / "train.instance.json").read_text())
 STEPS = json.loads((DATA / "train.solution.json").read_text())["steps"]

@@ -21,10 +21,10 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_s
 from cubepath.coordinator.simulation.scenarios import Asked
 from cubepath.coordinator.simulation.swarm import WITHOUT_ROUNDS, Free, Tally, simulate_seeds
 from cubepath.coordinator.simulation.trace import Trace
+from exploration.planted_keepers import PLANTED
 from marked import some
-from planted_keepers import PLANTED
 
-RESTLESS = f"{Path(__file__).parents[2] / 'restless.py'}:RESTLESS"
+RESTLESS = f"{Path(__file__).parents[2] / 'samples' / 'restless.py'}:RESTLESS"
 GRID = FreeScenario(
     "agv:graph=grid2x9,n=6", "random", 4, 3, 0.0, (0.0, 3.0), 30, 20 * SECOND_US, False, 7
 )

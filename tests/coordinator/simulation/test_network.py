@@ -6,7 +6,6 @@ from random import Random
 
 import pytest
 
-from counting import PATIENCE_US, RUN, Counter, counted
 from cubepath.coordinator.simulation.faults import (
     KINDS,
     ROUTER,
@@ -19,6 +18,7 @@ from cubepath.coordinator.simulation.faults import (
 from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
+from exploration.counting import PATIENCE_US, RUN, Counter, counted
 
 
 class Talker:

@@ -15,7 +15,7 @@ from cubepath.coordinator.simulation.scenarios import (
     scenario_of,
 )
 from cubepath.protocol.core.errors import InputError
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 
 def test_every_local_family_has_instances() -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from counting import counted
 from cubepath.coordinator.simulation.faults import Fault, Listed
 from cubepath.coordinator.simulation.sequence import ARROWS_MAX, sequence_picture
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import InputError
+from exploration.counting import counted
 
 FAULTS = [
     Fault("process_1 up", 2, "loss"),

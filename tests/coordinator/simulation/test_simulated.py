@@ -21,8 +21,8 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.nodes import Node
-from planted import Faultless, ForgetsCounts, IsDeaf, Raises, TakesDoubles
-from recordings import new_path
+from exploration.planted import Faultless, ForgetsCounts, IsDeaf, Raises, TakesDoubles
+from samples.recordings import new_path
 
 HEX = Scenario("hex:n=4", "chain", 3, 0.0, 1000, 7)
 GRID = Scenario("agv-labelled:graph=grid3x3,n=4", "pibt", 4, 0.25, 1000, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from slow_module import measured
+from samples.slow_module import measured
 
 
 @pytest.mark.few(1)

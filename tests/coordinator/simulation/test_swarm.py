@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from command_line import cubepath
 from cubepath.coordinator.simulation.faults import FREE_KINDS, KINDS, Listed
 from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked
 from cubepath.coordinator.simulation.simulated import simulate
@@ -27,7 +26,8 @@ from cubepath.coordinator.simulation.swarm import (
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.messages import Claim, Go, Here, Ready, Reports, Said, encode
-from planted import Raises, TakesDoubles
+from exploration.planted import Raises, TakesDoubles
+from processes.command_line import cubepath
 
 LINES = Asked("hex", "chain")
 

@@ -20,7 +20,7 @@ from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Ready, encode
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
-from ears import wait_for_subscriber
+from processes.ears import wait_for_subscriber
 
 RUN = "cubepath/r"
 UP, DOWN = f"{RUN}/ready/process_0", f"{RUN}/go/coordinator"

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, strategies as st
 from msgspec.structs import replace as with_fields
 
-from command_line import GOLDEN
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import ROWS_MAX, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.messages import Claim, Report
-from free_runs import free_recorded
-from recordings import all_edited, parts, recorded, with_records
+from processes.command_line import GOLDEN
+from samples.free_runs import free_recorded
+from samples.recordings import all_edited, parts, recorded, with_records
 
 pytestmark = pytest.mark.slow
 

@@ -275,7 +275,7 @@ def test_leaves(cubepath_run, request):
     path.with_suffix(".new").rename(path)
     {ending}
 """
-OWN = str(Path(__file__).parents[2] / "own_module.py")
+OWN = str(Path(__file__).parents[2] / "processes" / "own_module.py")
 ENDINGS = [
     pytest.param("raise KeyError('x')", (), 0, id="exception"),
     pytest.param("pass", (), 0, id="none"),

@@ -7,7 +7,6 @@ from collections import Counter
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.testing.fixtures import ReplayFixture
@@ -17,7 +16,8 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import belongs
 from cubepath.protocol.wire.messages import Reports, Said, decode
 from cubepath.protocol.wire.nodes import Put
-from recordings import recorded
+from processes.command_line import GOLDEN
+from samples.recordings import recorded
 
 pytestmark = pytest.mark.slow
 READER = """

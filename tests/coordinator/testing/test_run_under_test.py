@@ -23,7 +23,13 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 pytestmark = pytest.mark.slow
 SYSTEM = "hex:n=5"
 VEHICLES = "agv-labelled:graph=grid10x4,n=4"
-OWN = [sys.executable, "-I", str(Path(__file__).parents[2] / "own_module.py"), "{endpoint}", "1"]
+OWN = [
+    sys.executable,
+    "-I",
+    str(Path(__file__).parents[2] / "processes" / "own_module.py"),
+    "{endpoint}",
+    "1",
+]
 
 
 @pytest.fixture(scope="module")

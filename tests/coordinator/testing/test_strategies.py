@@ -11,7 +11,7 @@ from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS
 from cubepath.coordinator.testing.strategies import faults, scenarios
 from cubepath.coordinator.testing.trials import Trial, fault, trial_of
 from cubepath.protocol.core.errors import InputError
-from planted import ForgetsCounts, IsDeaf, Raises
+from exploration.planted import ForgetsCounts, IsDeaf, Raises
 
 pytestmark = pytest.mark.slow
 SMALL = ["agv:graph=C6,n=2", "hex:n=3"]

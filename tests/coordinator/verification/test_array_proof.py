@@ -14,7 +14,6 @@ from hypothesis import given, settings, strategies as st
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 from cubepath.coordinator.normal_form.certificate import certificate_of, certificate_of_numbered
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.verification import array_proof
@@ -27,8 +26,8 @@ from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
 from cubepath.protocol.path_files.supports import Supports, supports_of
-from plain_steps import COMPILED, PLAIN, plain_steps
-from strategies import (
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.strategies import (
     SCENES,
     Word,
     crowded_words,
@@ -39,6 +38,7 @@ from strategies import (
     walks_with_detours,
     words,
 )
+from tampering.altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 
 all_words = st.one_of(words(max_size=40), crowded_words())
 both_ways = pytest.mark.parametrize("steps", [PLAIN, COMPILED])

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from batched import first_batch
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -25,8 +24,9 @@ from cubepath.protocol.wire.messages import (
     encode,
     kind_of,
 )
-from recordings import edited, first, recorded, with_records
-from tamperings import crowd, failing
+from samples.batched import first_batch
+from samples.recordings import edited, first, recorded, with_records
+from tampering.tamperings import crowd, failing
 
 
 def whole() -> Recording:

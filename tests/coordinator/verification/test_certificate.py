@@ -19,9 +19,9 @@ from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
 from cubepath.protocol.path_files.numbered import number_moves
 from cubepath.protocol.wire.messages import Certified
-from recordings import all_edited, first
-from strategies import edge
-from tamperings import crowd, failing
+from samples.recordings import all_edited, first
+from samples.strategies import edge
+from tampering.tamperings import crowd, failing
 
 SYSTEM = "agv:graph=grid3x2,n=2"
 STEPS = [[[0, 0], [1, 0]], [[0, 1], [1, 1]], [[1, 0], [2, 0]], [[1, 1], [0, 1]], [[0, 1], [0, 0]]]

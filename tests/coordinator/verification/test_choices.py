@@ -13,8 +13,8 @@ from cubepath.coordinator.verification.transcript import Round
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Note
-from local_families import LOCAL_FAMILIES
 from marked import some
+from samples.local_families import LOCAL_FAMILIES
 
 
 @pytest.mark.few(2)

@@ -16,9 +16,16 @@ from cubepath.coordinator.verification.dependencies import (
 )
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.actions import Action, commute
-from obvious import obvious_normal_form
-from random_runs import SPECS, random_run
-from strategies import class_key, crowded_words, linear_extensions, random_walk, toggle, words
+from oracles.obvious import obvious_normal_form
+from samples.random_runs import SPECS, random_run
+from samples.strategies import (
+    class_key,
+    crowded_words,
+    linear_extensions,
+    random_walk,
+    toggle,
+    words,
+)
 
 Cubes = Sequence[Sequence[Action]]
 

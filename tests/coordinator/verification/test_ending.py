@@ -14,11 +14,11 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Ready
-from recordings import new_path, recorded
-from schedules import VEHICLES, carry_out, original, written
-from tamperings import crowd, failing
-from tamperings_of_runs import died, without
-from tamperings_of_schedules import carried_out, not_begun, stopped, with_summary
+from samples.recordings import new_path, recorded
+from samples.schedules import VEHICLES, carry_out, original, written
+from tampering.tamperings import crowd, failing
+from tampering.tamperings_of_runs import died, without
+from tampering.tamperings_of_schedules import carried_out, not_begun, stopped, with_summary
 
 
 def told(recording: Recording) -> str:

@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.protocol.core.actions import Action, commute
-from obvious import obvious_normal_form
-from strategies import Word, class_key, detours, linear_extensions, toggle, words
+from oracles.obvious import obvious_normal_form
+from samples.strategies import Word, class_key, detours, linear_extensions, toggle, words
 
 
 def obviously_same(one: Sequence[Action], other: Sequence[Action]) -> bool:

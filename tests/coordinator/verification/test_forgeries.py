@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from forgeries import FORGERIES, Forgery
-from free_runs import asked
+from samples.free_runs import asked
+from tampering.forgeries import FORGERIES, Forgery
 
 PAGE = Path(__file__).parents[3] / "docs" / "recordings.md"
 

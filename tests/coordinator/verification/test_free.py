@@ -21,8 +21,8 @@ from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
-from free_numbers import numbered
-from free_runs import asked, free_recorded, free_run, results, write
+from samples.free_numbers import numbered
+from samples.free_runs import asked, free_recorded, free_run, results, write
 
 SPECS = (
     "agv:graph=grid6x6,n=6",

@@ -26,9 +26,9 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import Summary, encode
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
-from free_numbers import numbered
-from free_runs import asked, free_recorded, free_run, results, write
-from recordings import new_path
+from samples.free_numbers import numbered
+from samples.free_runs import asked, free_recorded, free_run, results, write
+from samples.recordings import new_path
 
 SPEC, MOVES = "hex:n=4", 10
 

@@ -15,8 +15,8 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from junk import changed_json
-from recordings import recorded, with_records
+from samples.recordings import recorded, with_records
+from tampering.junk import changed_json
 
 SEEDS = st.integers(0, 1 << 32)
 

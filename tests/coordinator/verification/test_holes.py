@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.partial import hole_in
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from wrecks import taken_apart
+from processes.command_line import GOLDEN
+from tampering.wrecks import taken_apart
 
 
 def with_hole(name: str, chunk: int, folder: Path) -> Recording:

@@ -8,8 +8,8 @@ from hypothesis import given, strategies as st
 
 from cubepath.coordinator.verification.normal_form import cubes_of, remaining
 from cubepath.protocol.core.actions import Action
-from obvious import obvious_normal_form
-from strategies import Word, crowded_words, words
+from oracles.obvious import obvious_normal_form
+from samples.strategies import Word, crowded_words, words
 
 
 @given(st.one_of(words(), crowded_words()))

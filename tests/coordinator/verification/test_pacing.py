@@ -19,8 +19,8 @@ from cubepath.protocol.wire.messages import (
     Said,
     Waiting,
 )
-from recordings import recorded
-from tamperings import crowd
+from samples.recordings import recorded
+from tampering.tamperings import crowd
 
 
 def of_two(recording: Recording | None = None) -> tuple[Pacing, list[str]]:

@@ -14,8 +14,8 @@ from cubepath.coordinator.verification.parameters import (
     seed_in,
 )
 from cubepath.protocol.recordings.recording import Recording
-from tamperings import crowd
-from tamperings_of_schedules import carried_out
+from tampering.tamperings import crowd
+from tampering.tamperings_of_schedules import carried_out
 
 
 def told(recording: Recording, **changes: str) -> list[str]:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.records import Record
-from recordings import new_path
+from processes.command_line import GOLDEN
+from samples.recordings import new_path
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))
 

@@ -9,7 +9,7 @@ from cubepath.coordinator.verification.proof import check_proof
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.numbered import number_moves
-from strategies import toggle
+from samples.strategies import toggle
 
 LETTERS = {
     "w": toggle("s"),

@@ -15,13 +15,6 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from msgspec.structs import replace
 
-import tamperings
-import tamperings_of_certificates
-import tamperings_of_choices
-import tamperings_of_results
-import tamperings_of_runs
-import tamperings_of_schedules
-import tamperings_of_stages
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gathering import gathered
@@ -36,8 +29,17 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
-from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
-from tamperings import TAMPERINGS, Tampering, crowd, failing
+from samples.recordings import all_edited, edited, first, parts, record_of, recorded, with_records
+from tampering import (
+    tamperings,
+    tamperings_of_certificates,
+    tamperings_of_choices,
+    tamperings_of_results,
+    tamperings_of_runs,
+    tamperings_of_schedules,
+    tamperings_of_stages,
+)
+from tampering.tamperings import TAMPERINGS, Tampering, crowd, failing
 
 SUMMARY: dict[str, Any] = {
     "rounds": 1,

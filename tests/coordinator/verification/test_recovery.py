@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.remains import remains_of
 from cubepath.protocol.scenes.specs import scene_from_spec
-from wrecks import Kept, taken_apart, wholes, wreck
+from processes.command_line import GOLDEN
+from tampering.wrecks import Kept, taken_apart, wholes, wreck
 
 
 def recovered(data: bytes, folder: Path) -> list[Kept] | None:

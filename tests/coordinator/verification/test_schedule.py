@@ -16,10 +16,16 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, Report
-from recordings import edited, first, record_of, with_records
-from schedules import VEHICLES, original
-from tamperings import failing, moved
-from tamperings_of_schedules import carried_out, not_begun, stopped, with_cubes, with_summary
+from samples.recordings import edited, first, record_of, with_records
+from samples.schedules import VEHICLES, original
+from tampering.tamperings import failing, moved
+from tampering.tamperings_of_schedules import (
+    carried_out,
+    not_begun,
+    stopped,
+    with_cubes,
+    with_summary,
+)
 
 
 def told(recording: Recording) -> str:

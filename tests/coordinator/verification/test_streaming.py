@@ -10,11 +10,6 @@ from dataclasses import replace as with_fields
 import pytest
 from msgspec.structs import replace
 
-import tamperings_of_certificates
-import tamperings_of_choices
-import tamperings_of_results
-import tamperings_of_runs
-import tamperings_of_schedules
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
@@ -24,9 +19,16 @@ from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import decode
-from long_runs import write
-from recordings import all_edited, edited, first, new_path, record_of, with_records
-from tamperings import TAMPERINGS, Tampering, crowd, failing
+from samples.long_runs import write
+from samples.recordings import all_edited, edited, first, new_path, record_of, with_records
+from tampering import (
+    tamperings_of_certificates,
+    tamperings_of_choices,
+    tamperings_of_results,
+    tamperings_of_runs,
+    tamperings_of_schedules,
+)
+from tampering.tamperings import TAMPERINGS, Tampering, crowd, failing
 
 MODULES_OF_RESULTS = (
     tamperings_of_certificates,

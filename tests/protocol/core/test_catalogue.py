@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from complexes import f_vector, shape_f_vector, states_of
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.catalogue import (
     EDGES,
@@ -21,6 +20,7 @@ from cubepath.protocol.core.catalogue import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles.complexes import f_vector, shape_f_vector, states_of
 
 STEP = Generator(
     "step",

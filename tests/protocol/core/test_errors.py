@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import refused
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from processes.command_line import refused
 
 LONG = "x" * 1_000_000
 

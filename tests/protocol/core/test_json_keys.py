@@ -21,7 +21,7 @@ from cubepath.protocol.plans.formats import read_plan
 from cubepath.protocol.scenes.families.triangulations import read_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graphs import scenario_from_json
-from plans import DATA
+from samples.plans import DATA
 
 GRID = scene_from_spec("agv:graph=grid3x2,n=2")
 

@@ -26,8 +26,8 @@ from cubepath.protocol.path_files.npz import read_moves_npz, table_of, write_mov
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, read_path
 from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.path_files.supports import TabledActions
-from plain_steps import COMPILED, PLAIN, plain_steps
-from strategies import SCENES, lists_of, scene, walks, words
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.strategies import SCENES, lists_of, scene, walks, words
 
 both_ways = pytest.mark.parametrize("steps", [PLAIN, COMPILED])
 

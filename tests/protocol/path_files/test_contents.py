@@ -21,8 +21,8 @@ from cubepath.protocol.path_files.moves import read_moves
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
 from cubepath.protocol.path_files.supports import TabledActions, ranks, supports_of
 from cubepath.protocol.plans.formats import NO_HINTS
-from plain_steps import COMPILED, PLAIN, plain_steps
-from strategies import lists_of
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.strategies import lists_of
 
 Line = dict[str, str]
 """A line by its keys, each with its value as JSON text."""

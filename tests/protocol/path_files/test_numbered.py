@@ -32,7 +32,7 @@ from cubepath.protocol.path_files.numbered import (
     read_path,
 )
 from cubepath.protocol.path_files.path_lines import write_path
-from strategies import SCENES, lists_of, scene, walk
+from samples.strategies import SCENES, lists_of, scene, walk
 
 CROSSING = "agv:graph=grid3x2,n=2"
 

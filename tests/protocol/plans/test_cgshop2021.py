@@ -12,7 +12,7 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import read_plan
 from cubepath.protocol.systems.graphs import scenario_from_json
-from plans import (
+from samples.plans import (
     DATA,
     Steps,
     actions_read,
@@ -22,7 +22,7 @@ from plans import (
     timesteps,
     vehicle_moves,
 )
-from strategies import Word, scene, walks
+from samples.strategies import Word, scene, walks
 
 AGV = Path(__file__).parents[2] / "data" / "agv"
 SOLUTION, INSTANCE = DATA / "train.solution.json", DATA / "train.instance.json"

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cells import Cell, cell_of
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import read_plan
@@ -21,8 +20,9 @@ from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import PointSet
 from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
 from cubepath.protocol.systems.triangles import Triangles
-from plans import DATA, actions_read, flips_2026, moves_read, save
-from strategies import random_walk, scene
+from oracles.cells import Cell, cell_of
+from samples.plans import DATA, actions_read, flips_2026, moves_read, save
+from samples.strategies import random_walk, scene
 
 SOLUTION, INSTANCE = DATA / "kite.solution.json", DATA / "kite.instance.json"
 SQUARE = {"points_x": [0, 1, 0, 1], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 3]]]}

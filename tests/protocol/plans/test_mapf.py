@@ -13,7 +13,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import read_plan
 from cubepath.protocol.systems.graphs import scenario_from_json
-from plans import (
+from samples.plans import (
     DATA,
     Steps,
     actions_read,
@@ -25,7 +25,7 @@ from plans import (
     timesteps,
     vehicle_moves,
 )
-from strategies import Word, scene, walks
+from samples.strategies import Word, scene, walks
 
 AGV = Path(__file__).parents[2] / "data" / "agv"
 ROOM = DATA / "room.map"

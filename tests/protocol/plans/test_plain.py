@@ -11,8 +11,8 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import FORMATS, read_plan
-from plans import DATA, actions_read, moves_read, plain_text, save
-from strategies import random_walk, scene
+from samples.plans import DATA, actions_read, moves_read, plain_text, save
+from samples.strategies import random_walk, scene
 
 PIVOTS, SLIDES = DATA / "pivots.txt", DATA / "slides.txt"
 # Two moves from one place to another that differ in what they read.

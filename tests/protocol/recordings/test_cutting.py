@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from command_line import GOLDEN
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import RecordingWriter
-from recordings import new_path
+from processes.command_line import GOLDEN
+from samples.recordings import new_path
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))
 NAMES = [path.stem for path in PATHS]

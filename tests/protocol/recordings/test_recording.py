@@ -23,7 +23,7 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Report, decode
 from cubepath.protocol.wire.on_record import schema_of
-from damaged import (
+from tampering.damaged import (
     PARAMETERS,
     ROUNDS,
     SCENE_OF_ALL,

@@ -21,7 +21,7 @@ from cubepath.protocol.recordings.writing import (
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, encode
-from damaged import chunks_of
+from tampering.damaged import chunks_of
 
 EVERY = 50
 """Messages between two flushes of the process below."""

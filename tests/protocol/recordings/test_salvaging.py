@@ -18,7 +18,7 @@ from mcap.writer import IndexType, Writer
 from cubepath.protocol.recordings.mcap_file import MAGIC
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from damaged import (
+from tampering.damaged import (
     FLUSH_EVERY,
     PARAMETERS,
     SCENE_OF_ALL,

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from command_line import GOLDEN
 from cubepath.agents.environments.playing import play
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gathering import gathered
@@ -27,8 +26,9 @@ from cubepath.protocol.recordings.salvaging import messages_in
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Here, Report, decode, encode
-from free_runs import free_recorded
-from recordings import new_path, recorded, with_records
+from processes.command_line import GOLDEN
+from samples.free_runs import free_recorded
+from samples.recordings import new_path, recorded, with_records
 
 CROWD = "agv:graph=C6,n=4"
 PATHS = sorted(GOLDEN.glob("*.mcap"))

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, strategies as st
 from mcap.reader import NonSeekingReader
 
-from command_line import GOLDEN
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
@@ -19,7 +18,8 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from recordings import new_path, recorded
+from processes.command_line import GOLDEN
+from samples.recordings import new_path, recorded
 
 NAMES = ["hex-5", "agv-6", "agv-3", "arm-6"]
 

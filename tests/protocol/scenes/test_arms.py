@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.agents.rendering.edges import MARK
 from cubepath.agents.rendering.pictures import draw_pixels
@@ -21,6 +20,7 @@ from cubepath.protocol.scenes.families.arms import arms_catalogue, arms_system
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.listed import TabledSystem
+from oracles.complexes import actions_at, f_vector, states_of
 
 Edge = tuple[int, int, int]
 Vertex = tuple[int, int]

@@ -7,12 +7,12 @@ from math import comb
 
 import pytest
 
-from complexes import f_vector, states_of
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.families.assembly import PLANS, AssemblyPlan, pyramid, tree, wall
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles.complexes import f_vector, states_of
 
 Step = tuple[object, str]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from cells import cells_of
 from cubepath.agents import parallel_env
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.complexes.links import unfilled
@@ -24,6 +23,7 @@ from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
+from oracles.cells import cells_of
 
 SPECS = ["hex-connected", "hex-connected:scene=ring", "hex-connected:scene=hub"]
 Pivot = tuple[Site, Site]

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from complexes import actions_at, f_vector, states_of
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import EDGES, Catalogue, Generator
 from cubepath.protocol.core.errors import InputError
@@ -25,6 +24,7 @@ from cubepath.protocol.scenes.families.free_arm import (
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
+from oracles.complexes import actions_at, f_vector, states_of
 
 ARMS = (3, 9, 25, 71, 195, 543, 1479)
 """How many self-avoiding walks of 1, 2, ... steps there are from the origin, but for (0, -1)."""

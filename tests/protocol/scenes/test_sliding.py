@@ -6,8 +6,6 @@ from collections.abc import Collection
 
 import pytest
 
-from cells import cells_of
-from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.actions import admissible, apply, commute
 from cubepath.protocol.core.catalogue import SQUARES, Generator
@@ -18,6 +16,8 @@ from cubepath.protocol.scenes.families.sliding import sliding_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
+from oracles.cells import cells_of
+from oracles.complexes import actions_at, f_vector, states_of
 
 
 def squares(*cells: tuple[int, int], filled: Collection[Site] = (), longest: int = 3) -> Scene:

@@ -7,8 +7,6 @@ from random import Random
 
 import pytest
 
-from cells import cells_of
-from complexes import Key, actions_at, commuting_sets, f_vector, states_of
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
@@ -17,6 +15,8 @@ from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.families.tunnel import tunnel_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
+from oracles.cells import cells_of
+from oracles.complexes import Key, actions_at, commuting_sets, f_vector, states_of
 
 SIZES = {
     "n=1": [2, 1],

@@ -7,13 +7,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.words import PRESENTATIONS, relations_from_text, word_moves
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.listed import TabledSystem
+from oracles.complexes import actions_at, f_vector, states_of
 
 SPECS = [
     "words",

@@ -26,7 +26,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of, settle
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound
 from cubepath.protocol.systems.point_sets import Edge, Point, edge_of
-from point_grids import on_grid
+from oracles.point_grids import on_grid
 
 SQUARE = "triangulation:n=10,start=random,goal=random,seed="
 

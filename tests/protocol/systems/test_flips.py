@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.actions import Action, commute, end_at
 from cubepath.protocol.core.errors import InputError
@@ -28,7 +27,8 @@ from cubepath.protocol.systems import flips
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import Point, PointSet
 from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
-from point_grids import all_triangulations, on_grid
+from oracles.complexes import actions_at, f_vector, states_of
+from oracles.point_grids import all_triangulations, on_grid
 
 GRID: list[Point] = [(x, y) for y in range(3) for x in range(3)]
 DOUBLE_6: list[Point] = [(0, 0), (60, 0), (30, 60), (30, 1), (44, 30), (16, 30)]

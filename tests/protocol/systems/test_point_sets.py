@@ -13,7 +13,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.triangulations import polygon_points, random_points
 from cubepath.protocol.systems.point_sets import SWEEPS, Point, PointSet
 from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
-from point_grids import between, meet, on_grid, turn
+from oracles.point_grids import between, meet, on_grid, turn
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from cubepath.protocol.wire.messages import (
     encode,
     kind_of,
 )
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 
 @pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv-labelled:graph=C9,n=2"])

@@ -22,7 +22,7 @@ from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
 from cubepath.protocol.wire.sockets import SCHEME, discard, is_private, new_endpoint
-from elsewhere import soon
+from processes.elsewhere import soon
 
 pytestmark = pytest.mark.slow
 

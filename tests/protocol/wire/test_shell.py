@@ -15,7 +15,7 @@ from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, put
 from cubepath.protocol.wire.shell import Shell
-from ears import wait_for_subscriber
+from processes.ears import wait_for_subscriber
 
 pytestmark = pytest.mark.slow
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, read_proof, write_proof
 from cubepath.protocol.scenes.specs import scene_from_spec
-from obvious_refutations import log_of, proof_of
+from oracles.obvious_refutations import log_of, proof_of
+from processes.command_line import refused
 
 SPEC = "sliding:p=2,q=2"
 LEFT = '{"id": "l", "support": [1, 2], "trace": [1, 2], "before": [1], "after": [2]}\n'

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from command_line import GOLDEN, PYTHON, ROOT, cubepath
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.optimality import stages
-from minimal_checker import check
+from oracles.minimal_checker import check
+from processes.command_line import GOLDEN, PYTHON, ROOT, cubepath
 
 HEX = str(GOLDEN / "hex-5.mcap")
 GRID = str(ROOT / "tests" / "data" / "agv" / "grid8-12agents.json")

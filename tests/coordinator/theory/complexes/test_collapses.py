@@ -16,7 +16,7 @@ from cubepath.coordinator.theory.complexes.collapses import (
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
-from spaces import (
+from oracles.spaces import (
     DUNCE_HAT,
     EMPTY,
     LOOP,

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.surfaces import classes, components
-from spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
+from oracles.spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
-import complexes
 from cubepath.coordinator.theory.complexes import exploration, state_masks
 from cubepath.coordinator.theory.complexes.collapses import collapse
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
@@ -28,8 +27,9 @@ from cubepath.protocol.core.actions import apply, commute, end_at
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from listed_scenes import listed, listed_scenes, move
-from plain_steps import COMPILED, PLAIN, plain_steps
+from oracles import complexes
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from samples.listed_scenes import listed, listed_scenes, move
 
 SMALL = [
     "hex:n=3,base=1",

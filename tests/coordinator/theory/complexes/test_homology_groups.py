@@ -11,8 +11,8 @@ from cubepath.coordinator.theory.complexes import homology_groups as homology_mo
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.homology_groups import Homology, homology
 from cubepath.protocol.scenes.specs import scene_from_spec
-from obvious_homology import obvious_homology
-from spaces import (
+from oracles.obvious_homology import obvious_homology
+from oracles.spaces import (
     DUNCE_HAT,
     EMPTY,
     LOOP,

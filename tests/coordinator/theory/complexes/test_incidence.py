@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, cofaces, incidence
-from spaces import quotients
+from oracles.spaces import quotients
 
 
 @pytest.mark.slow

@@ -21,8 +21,8 @@ from cubepath.coordinator.theory.complexes.state_masks import (
 from cubepath.protocol.core.actions import apply, end_at
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from listed_scenes import listed_scenes
-from plain_steps import COMPILED, plain_steps
+from oracles.plain_steps import COMPILED, plain_steps
+from samples.listed_scenes import listed_scenes
 
 SPECS = ["hex:n=5,base=1", "sliding:p=2,q=2,n=3", "agv-labelled:graph=K4,n=2", "arms", "assembly"]
 

@@ -23,8 +23,8 @@ from cubepath.coordinator.theory.complexes.morse import (
     morse_columns,
     paths_along,
 )
-from plain_steps import COMPILED, PLAIN, plain_steps
-from spaces import quotients, telescope, torus
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
+from oracles.spaces import quotients, telescope, torus
 
 Chain = Counter[int]
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-import complexes
-from cells import cells_of
 from cubepath.coordinator.theory.complexes.links import check_links
 from cubepath.coordinator.theory.complexes.macros import lift, macro
 from cubepath.coordinator.theory.complexes.shape_complexes import (
@@ -19,6 +17,8 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
+from oracles import complexes
+from oracles.cells import cells_of
 
 LINE = [(0, 0), (1, 0), (2, 0)]
 TRIANGLE = [(0, 0), (1, 0), (0, 1)]

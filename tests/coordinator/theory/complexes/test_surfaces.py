@@ -11,7 +11,7 @@ from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.coordinator.theory.complexes.surfaces import ClosedSurface, components, surface
 from cubepath.protocol.scenes.specs import scene_from_spec
-from spaces import (
+from oracles.spaces import (
     EMPTY,
     LOOP,
     ONE_SQUARE_KLEIN_BOTTLE,

@@ -24,8 +24,8 @@ from cubepath.coordinator.theory.following.optimum import fewest_rounds
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import check_fewest_rounds
 from faces import ROOT
-from following_tasks import FAR, draw_task, exhaustive, task_of
-from vehicle_rounds import draw_plan, is_legal
+from oracles.following_tasks import FAR, draw_task, exhaustive, task_of
+from oracles.vehicle_rounds import draw_plan, is_legal
 
 pysat = pytest.importorskip("pysat.solvers")
 AGV = ROOT / "tests" / "data" / "agv"

@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.durations import Durations
 from cubepath.protocol.systems.graph import along_edge
 from faces import ROOT
-from vehicle_rounds import (
+from oracles.vehicle_rounds import (
     Cell,
     Drawn,
     Move,

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from command_line import ROOT
 from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.shortening.normal_path import Shortened, shorten
@@ -20,6 +19,7 @@ from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.supports import TabledActions
+from processes.command_line import ROOT
 
 
 def rows_of_moves(folder: Path, vehicles: int, steps: int) -> Shortened:

@@ -25,7 +25,17 @@ from cubepath.coordinator.theory.paper.algorithms import (
     weight,
 )
 from cubepath.protocol.core.actions import Action
-from strategies import SCENES, Word, alphabets, class_key, edge, lists_of, toggle, walks, words
+from samples.strategies import (
+    SCENES,
+    Word,
+    alphabets,
+    class_key,
+    edge,
+    lists_of,
+    toggle,
+    walks,
+    words,
+)
 
 A, B = edge(1, 2), edge(5, 6)
 all_readings = pytest.mark.parametrize("reading", READINGS)

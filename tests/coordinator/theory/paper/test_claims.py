@@ -11,7 +11,7 @@ from cubepath.coordinator.theory.paper import claims
 from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
 from cubepath.coordinator.theory.paper.examples import SYSTEMS
 from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim
-from local_families import LOCAL_FAMILIES
+from samples.local_families import LOCAL_FAMILIES
 
 
 @pytest.mark.slow

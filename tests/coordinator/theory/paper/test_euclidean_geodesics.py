@@ -24,7 +24,7 @@ from cubepath.coordinator.theory.paper.euclidean_geodesics import (
     normal_cube_paths,
 )
 from cubepath.protocol.core.actions import Action, commute
-from strategies import SCENES, scene, walks
+from samples.strategies import SCENES, scene, walks
 
 SQUARE = complex_from_faces([4, [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]], [[[2, 3], [0, 1]]]])
 

@@ -27,7 +27,7 @@ from cubepath.protocol.path_files.following import (
     read_following,
 )
 from cubepath.protocol.plans.imported import VehiclePlan
-from vehicle_rounds import Drawn, Move, draw_plan, is_legal
+from oracles.vehicle_rounds import Drawn, Move, draw_plan, is_legal
 
 
 def timetable(seed: int, rule: str = "mapf") -> tuple[FollowingFile, VehiclePlan]:

@@ -34,9 +34,9 @@ from cubepath.protocol.path_files.following_proofs import (
     read_following_proof,
     write_following_proof,
 )
-from following_tasks import draw_task, exhaustive, task_of
-from obvious_refutations import log_of
-from vehicle_rounds import Cell, draw_plan
+from oracles.following_tasks import draw_task, exhaustive, task_of
+from oracles.obvious_refutations import log_of
+from oracles.vehicle_rounds import Cell, draw_plan
 
 pytest.importorskip("pysat.solvers")
 Way = list[tuple[Cell, ...]]

@@ -40,10 +40,10 @@ from cubepath.protocol.path_files.optimality_proofs import (
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
-from listed_scenes import listed, listed_scenes, move
-from minimal_checker import check
-from minimal_systems import RefusedError
-from obvious_refutations import Refutation as Obvious, claim_of, log_of, proof_of
+from oracles.minimal_checker import check
+from oracles.minimal_systems import RefusedError
+from oracles.obvious_refutations import Refutation as Obvious, claim_of, log_of, proof_of
+from samples.listed_scenes import listed, listed_scenes, move
 
 State = frozenset[Site]
 Cubes = list[list[Action]]

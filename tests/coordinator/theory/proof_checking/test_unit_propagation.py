@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.proof_checking.unit_propagation import Refuter
-from obvious_refutations import log_of
+from oracles.obvious_refutations import log_of
 
 Clauses = list[list[int]]
 

@@ -19,10 +19,10 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
-from listed_scenes import listed_scenes
-from local_families import LOCAL_FAMILIES
-from solved import Pair, check_pair, model, pairs_near, pairs_of, random_actions
-from switches import Ring
+from oracles.solved import Pair, check_pair, model, pairs_near, pairs_of, random_actions
+from samples.listed_scenes import listed_scenes
+from samples.local_families import LOCAL_FAMILIES
+from samples.switches import Ring
 
 SPECS = (
     "hex:n=4",

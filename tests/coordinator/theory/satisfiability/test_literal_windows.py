@@ -10,7 +10,6 @@ from random import Random
 import numpy as np
 import pytest
 
-from complexes import actions_at, commuting_sets, states_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.theory.satisfiability.literal_windows import (
     NEVER,
@@ -24,7 +23,8 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from solved import Pair, pairs_near, pairs_of, random_actions
+from oracles.complexes import actions_at, commuting_sets, states_of
+from oracles.solved import Pair, pairs_near, pairs_of, random_actions
 
 Literal = tuple[Site, bool]
 Directed = tuple[Action, int]

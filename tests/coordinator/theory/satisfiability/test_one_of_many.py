@@ -8,7 +8,6 @@ from random import Random
 import numpy as np
 import pytest
 
-from complexes import states_of
 from cubepath.coordinator.theory.satisfiability.clauses import SITE
 from cubepath.coordinator.theory.satisfiability.encoding import encode
 from cubepath.coordinator.theory.satisfiability.literal_windows import windows_of
@@ -16,7 +15,8 @@ from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.one_of_many import SiteGroup
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.scenes.specs import scene_from_spec
-from solved import Pair, check_pair, pairs_near, pairs_of, random_actions
+from oracles.complexes import states_of
+from oracles.solved import Pair, check_pair, pairs_near, pairs_of, random_actions
 
 
 class Proposing(MetMoves):

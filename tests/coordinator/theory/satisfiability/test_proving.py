@@ -7,7 +7,6 @@ import tempfile
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
@@ -26,7 +25,8 @@ from cubepath.coordinator.theory.satisfiability.solver_process import SolverProc
 from cubepath.coordinator.theory.search.budget import SpentError
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.transitions import Transitions
-from strategies import random_walk, scene
+from processes.command_line import GOLDEN
+from samples.strategies import random_walk, scene
 
 SPECS = (
     "hex:n=4",

@@ -24,7 +24,7 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     SolverProcess,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
-from solved import check_schedule, pairs_of
+from oracles.solved import check_schedule, pairs_of
 
 
 def problem(spec: str, rounds: int) -> Encoding:

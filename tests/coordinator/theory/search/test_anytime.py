@@ -31,7 +31,7 @@ from cubepath.protocol.path_files.jsonl import write_lines
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import scenario_from_json
-from strategies import random_walk, scene, walks
+from samples.strategies import random_walk, scene, walks
 
 DATA = Path(__file__).parents[3] / "data" / "agv"
 SYSTEMS = (

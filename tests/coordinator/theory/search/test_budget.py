@@ -23,7 +23,7 @@ from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.jsonl import write_lines
-from strategies import random_walk, scene
+from samples.strategies import random_walk, scene
 
 SPEC = "agv:graph=grid6x6,n=6"
 WALK = random_walk(SPEC, 200, seed=2)

@@ -20,7 +20,7 @@ from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimi
 from cubepath.coordinator.theory.search.own_ends import ends_of
 from cubepath.coordinator.theory.search.space_time_routes import FREE, Numbers
 from cubepath.coordinator.theory.search.vehicle_lns import Replanner
-from strategies import random_walk, scene
+from samples.strategies import random_walk, scene
 
 DATA = Path(__file__).parents[3] / "data" / "agv"
 SPECS = (

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from cells import cell_of
 from cubepath.coordinator.theory.search.endless import wandering
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles.cells import cell_of
 
 
 @pytest.mark.parametrize("count", [2, 3, 7, 30])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from complexes import actions_at, commuting_sets
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
@@ -14,7 +13,8 @@ from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from strategies import scene, toggle, walks
+from oracles.complexes import actions_at, commuting_sets
+from samples.strategies import scene, toggle, walks
 
 SMALL = (
     "agv:graph=C5,n=2",

@@ -10,7 +10,7 @@ from cubepath.coordinator.theory.search.transitions import Transitions, listed_m
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
-from strategies import SCENES, Word, edge, scene, toggle, walks, words
+from samples.strategies import SCENES, Word, edge, scene, toggle, walks, words
 
 
 def numbered(path: Word) -> NumberedPath:

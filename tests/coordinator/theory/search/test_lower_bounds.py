@@ -8,7 +8,6 @@ from random import Random
 import pytest
 from hypothesis import given, strategies as st
 
-from complexes import states_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
@@ -25,7 +24,8 @@ from cubepath.protocol.scenes.families.triangulations import fan, polygon_points
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound, flip_bound
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
-from strategies import scene, walks
+from oracles.complexes import states_of
+from samples.strategies import scene, walks
 
 SMALL = (
     "agv:graph=C6,n=2",

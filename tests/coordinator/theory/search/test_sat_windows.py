@@ -25,7 +25,7 @@ from cubepath.coordinator.theory.search.sat_windows import STAGE, CubePath, SatW
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
-from strategies import random_walk, scene, walks
+from samples.strategies import random_walk, scene, walks
 
 SYSTEMS = (
     "agv:graph=grid4x4,n=4",

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from command_line import GOLDEN, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
+from processes.command_line import GOLDEN, refused
 
 Capture = pytest.CaptureFixture[str]
 LOG = str(GOLDEN / "agv-3.mcap")

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN, cubepath, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
+from processes.command_line import GOLDEN, cubepath, refused
 
 LOG = str(GOLDEN / "hex-5.mcap")
 

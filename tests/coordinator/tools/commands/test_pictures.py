@@ -12,7 +12,7 @@ from PIL import Image
 from cubepath.agents.rendering.pen import DARK, GOAL, PAPER, palette
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.cutting import filter_recording
-from watched_pages import OWN
+from processes.watched_pages import OWN
 
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
 

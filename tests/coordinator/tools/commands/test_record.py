@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.testing import Command
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
-from elsewhere import Commands, soon
+from processes.command_line import GOLDEN
+from processes.elsewhere import Commands, soon
 
 pytestmark = pytest.mark.slow
 RANDOM = ("run", "hex:n=6", "--rule=random", "--max-rounds=999999")

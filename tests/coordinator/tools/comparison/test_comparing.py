@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
-from command_line import GOLDEN, in_shell, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from free_runs import free_recorded
-from recordings import new_path, recorded
-from twin_runs import twin
+from processes.command_line import GOLDEN, in_shell, refused
+from samples.free_runs import free_recorded
+from samples.recordings import new_path, recorded
+from samples.twin_runs import twin
 
 HEX, FREE = str(GOLDEN / "hex-5.mcap"), str(GOLDEN / "hex-free-5.mcap")
 PLAIN, GARBAGE = "moves.jsonl", "garbage.mcap"

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as with_fields
 
-from command_line import GOLDEN
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Moved, Tail, Turns, decode_free
 from cubepath.protocol.wire.messages import encode
-from free_runs import free_recorded
+from processes.command_line import GOLDEN
+from samples.free_runs import free_recorded
 
 AGV = "agv:graph=grid3x3,n=4"
 Name = tuple[int, int]

@@ -16,8 +16,8 @@ from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording
-from recordings import edited, first, parts, recorded, with_records
-from twin_runs import (
+from samples.recordings import edited, first, parts, recorded, with_records
+from samples.twin_runs import (
     Deviation,
     deviating,
     everything,

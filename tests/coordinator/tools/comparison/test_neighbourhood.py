@@ -8,7 +8,7 @@ from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.coordinator.tools.comparison.playing import sensed_at
 from cubepath.coordinator.tools.comparison.reasons import picture_of
 from cubepath.protocol.scenes.specs import scene_from_spec
-from twin_runs import twin
+from samples.twin_runs import twin
 
 
 def test_hexagons_stand_in_shifted_rows() -> None:

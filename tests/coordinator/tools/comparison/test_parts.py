@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from command_line import GOLDEN
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.protocol import filter_recording, split_recording
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
-from free_runs import free_recorded
-from recordings import new_path, recorded, with_records
-from twin_runs import everything, first_choices, twin
+from processes.command_line import GOLDEN
+from samples.free_runs import free_recorded
+from samples.recordings import new_path, recorded, with_records
+from samples.twin_runs import everything, first_choices, twin
 
 HEX = GOLDEN / "hex-5.mcap"
 

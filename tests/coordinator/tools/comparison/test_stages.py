@@ -10,7 +10,7 @@ from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.coordinator.tools.comparison.told import Compared
 from cubepath.protocol.recordings.recording import Recording
-from recordings import new_path, recorded
+from samples.recordings import new_path, recorded
 
 HEX = "hex:n=5"
 FROM = 5

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line import GOLDEN
 from cubepath.agents.rendering.pictures import solid_of
 from cubepath.coordinator.runs.states import states_of
 from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.protocol.recordings.recording import read_recording
-from recordings import new_path
+from processes.command_line import GOLDEN
+from samples.recordings import new_path
 
 pytestmark = pytest.mark.thorough
 PATHS = sorted(GOLDEN.glob("*.mcap"))

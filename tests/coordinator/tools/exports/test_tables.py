@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, strategies as st
 
-from command_line import GOLDEN
 from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.coordinator.tools.exports.rows import RowSelection, table_of
 from cubepath.protocol.core.errors import InputError
@@ -25,7 +24,8 @@ from cubepath.protocol.recordings.cuts import MessageSelection
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from recordings import new_path
+from processes.command_line import GOLDEN
+from samples.recordings import new_path
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))
 FORMS = ("csv", "parquet", "json", "jsonl")

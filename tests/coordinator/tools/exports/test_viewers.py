@@ -16,7 +16,6 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import make_reader
 
-from command_line import GOLDEN, ROOT
 from cubepath.agents.rendering.pictures import extent, solid_of
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
@@ -32,7 +31,8 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
-from recordings import new_path
+from processes.command_line import GOLDEN, ROOT
+from samples.recordings import new_path
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))
 SECOND = 10**9

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from watched_pages import Open
+from processes.watched_pages import Open
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run")
 

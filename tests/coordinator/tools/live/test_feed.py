@@ -14,7 +14,7 @@ from cubepath.coordinator.tools.live.feed import Feed, FeedPosition
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
 from cubepath.coordinator.tools.viewing.run_view import document_of
 from cubepath.protocol.core.actions import end_at
-from watched_pages import KINDS, Watched, watched
+from processes.watched_pages import KINDS, Watched, watched
 
 
 class Follower:

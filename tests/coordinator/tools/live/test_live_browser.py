@@ -15,7 +15,7 @@ from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
 from cubepath.coordinator.tools.viewing.run_view import RunView
 from cubepath.protocol.recordings.recording import read_recording
-from watched_pages import Open, followed, until
+from processes.watched_pages import Open, followed, until
 
 pytestmark = pytest.mark.browser
 

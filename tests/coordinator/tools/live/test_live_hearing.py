@@ -13,7 +13,7 @@ from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.tools.viewing.pages import page_document
-from watched_pages import Open, until
+from processes.watched_pages import Open, until
 
 pytestmark = pytest.mark.browser
 

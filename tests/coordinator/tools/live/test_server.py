@@ -21,7 +21,7 @@ from cubepath.coordinator.tools.live.watching import RoundPacer
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_pages import watched
+from processes.watched_pages import watched
 
 
 @pytest.fixture

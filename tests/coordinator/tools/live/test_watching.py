@@ -32,7 +32,7 @@ from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
-from elsewhere import soon
+from processes.elsewhere import soon
 
 pytestmark = pytest.mark.slow
 

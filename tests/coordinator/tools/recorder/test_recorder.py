@@ -16,7 +16,6 @@ from pathlib import Path
 
 import pytest
 
-from command_line import GOLDEN
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
@@ -29,7 +28,8 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
-from publisher import message
+from processes.command_line import GOLDEN
+from processes.publisher import message
 
 pytestmark = pytest.mark.slow
 TESTS = Path(__file__).parents[3]
@@ -45,7 +45,12 @@ def published(
     endpoint: str, count: int, *, rate: int = 0, how: str = "block", size: int = 200
 ) -> Generator[subprocess.Popen[str]]:
     """Start a process that publishes so many messages once it reads a line."""
-    command = [sys.executable, "publisher.py", endpoint, *map(str, (count, rate, how, size))]
+    command = [
+        sys.executable,
+        "processes/publisher.py",
+        endpoint,
+        *map(str, (count, rate, how, size)),
+    ]
     with subprocess.Popen(
         command, cwd=TESTS, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as child:

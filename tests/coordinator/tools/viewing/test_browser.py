@@ -21,7 +21,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.tools.viewing.pages import run_page
 from cubepath.coordinator.tools.viewing.run_view import RunView
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_pages import KINDS, Open, Watched, pivoting_squares, until, watched
+from processes.watched_pages import KINDS, Open, Watched, pivoting_squares, until, watched
 
 pytestmark = pytest.mark.browser
 

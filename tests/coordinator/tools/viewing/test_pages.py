@@ -16,7 +16,7 @@ from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
 from cubepath.protocol.core.errors import InputError
-from watched_pages import watched
+from processes.watched_pages import watched
 
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
 

@@ -17,8 +17,8 @@ from cubepath.coordinator.tools.viewing.run_view import RunView, document_of
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
-from obvious import obvious_normal_form
-from watched_pages import KINDS, followed, pivoting_squares, watched
+from oracles.obvious import obvious_normal_form
+from processes.watched_pages import KINDS, followed, pivoting_squares, watched
 
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
 

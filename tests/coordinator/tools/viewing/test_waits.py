@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.tools.viewing.worlds import waits_of
 from cubepath.protocol.core.actions import commute
-from strategies import SCENES, Word, crowded_words, walks, words
+from samples.strategies import SCENES, Word, crowded_words, walks, words
 
 
 @given(words() | crowded_words())

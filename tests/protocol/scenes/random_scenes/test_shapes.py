@@ -10,7 +10,6 @@ from itertools import count as numbers
 import pytest
 
 from chances import as_chance_has_it
-from complexes import actions_at
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEXAGONS, Cell
 from cubepath.protocol.scenes.random_scenes.shapes import (
@@ -22,6 +21,7 @@ from cubepath.protocol.scenes.random_scenes.shapes import (
 )
 from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles.complexes import actions_at
 
 COUNTS = {SIX: (1, 3, 11, 44, 186, 814), FOUR: (1, 2, 6, 19, 63, 216)}
 """Fixed polyhexes and polyominoes by their number of cells (OEIS A001207, A001168)."""

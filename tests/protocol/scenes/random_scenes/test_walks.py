@@ -7,15 +7,15 @@ from collections import Counter
 import pytest
 
 from chances import as_chance_has_it
-from complexes import actions_at
 from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.scenes.random_scenes.walks import walked
 from cubepath.protocol.scenes.specs import scene_from_spec
-from local_families import LOCAL_FAMILIES
 from marked import some
+from oracles.complexes import actions_at
+from samples.local_families import LOCAL_FAMILIES
 
 
 def after(scene: Scene, moves: int, seed: int) -> State:

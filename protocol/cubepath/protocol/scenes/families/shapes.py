@@ -1,9 +1,9 @@
 """From one random shape to another: hexagons that pivot, and squares that slide.
 
 `cubepath.protocol.scenes.random_scenes.shapes` draws the shapes. Whether the goal can be reached is
-not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave corners (of
-the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may never meet
-again.
+not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave corners
+(of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may never
+meet again.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from random import Random
 from msgspec.structs import replace
 
 from cubepath.protocol.path_files.certificates import Certificate
-from strategies import Word, toggle
+from samples.strategies import Word, toggle
 
 ROAD = [toggle(n, reads=[n - 1], label=f"step {n}") for n in range(1, 6)]
 """Five moves, each of which waits for the one before."""

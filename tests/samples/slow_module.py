@@ -1,7 +1,7 @@
 """A slow module among quick ones, in virtual time: how long it waits between two of its own moves.
 
-With cubepath installed: ``python tests/slow_module.py [--seeds 10] [--seconds 20]`` prints the
-figures of docs/free-clock.md.
+With cubepath installed: ``python tests/samples/slow_module.py [--seeds 10] [--seconds 20]`` prints
+the figures of docs/free-clock.md.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from cubepath.protocol.wire.nodes import Node
-from node_states import Reaction, Seat, States
+from exploration.node_states import Reaction, Seat, States
 
 Fault: TypeAlias = Literal["loss", "late", "double", "tick"]
 """What may happen once: a message is lost, late or doubled, or a timer runs out at any time."""

@@ -8,7 +8,7 @@ from random import Random
 from cubepath.coordinator.theory.following.encoding import VehicleTask
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.protocol.core.sites import Site
-from vehicle_rounds import Cell, first_wrong
+from oracles.vehicle_rounds import Cell, first_wrong
 
 FAR = 9
 

@@ -23,7 +23,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.messages import Again, Message, Refused, Report, Waiting
 from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
-from obvious_rounds import rank
+from oracles.obvious_rounds import rank
 
 RUN = "run"
 

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from batched import PROCESSES, batches
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
 from cubepath.agents.rules.actor import actors_for
@@ -36,6 +35,7 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     encode,
 )
+from samples.batched import PROCESSES, batches
 
 
 def said(

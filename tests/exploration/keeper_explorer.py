@@ -25,14 +25,13 @@ from functools import partial
 from itertools import combinations
 from typing import Any
 
-from components import bottoms
 from cubepath.agents.keepers.journal import Record
 from cubepath.agents.keepers.keeper import Keeper, Name, _Pending, name_of
 from cubepath.protocol.wire.free_messages import Decision
-from keeper_history import History
-from keeper_modules import Modules, is_heard
-from keeper_seats import Seats, check_no_circle
-from keeper_world import (
+from exploration.keeper_history import History
+from exploration.keeper_modules import Modules, is_heard
+from exploration.keeper_seats import Seats, check_no_circle
+from exploration.keeper_world import (
     Dealt,
     Log,
     Scenario,
@@ -40,6 +39,7 @@ from keeper_world import (
     unchanged,
     words_of,
 )
+from oracles.components import bottoms
 
 
 @dataclass(slots=True)

@@ -51,9 +51,9 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import Certified, Cube, Edges, Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
-from free_numbers import Numbering, numbered
-from free_rules import GOSSIP
-from recordings import new_path
+from samples.free_numbers import Numbering, numbered
+from samples.free_rules import GOSSIP
+from samples.recordings import new_path
 
 RULE_NAME = f"{Path(__file__).parent / 'free_rules.py'}:GOSSIP"
 NOTHING = Shown(None, 0)

@@ -13,8 +13,8 @@ from functools import partial
 from cubepath.agents.keepers.attempts import planned
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Entered, Held, Hold
-from keeper_history import History
-from keeper_world import Dealt, Letter, Module, Part, Scenario, World, with_module
+from exploration.keeper_history import History
+from exploration.keeper_world import Dealt, Letter, Module, Part, Scenario, World, with_module
 
 Happening = tuple[str, Callable[[], World]]
 """What may happen, in words, and as a function to what comes of it."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
-from cells import cell_of, cells_of
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
+from oracles.cells import cell_of, cells_of
 
 Key = tuple[frozenset[Site], frozenset[Action]]
 ShapeKey = tuple[frozenset[Site], frozenset[frozenset[Site]]]

@@ -11,8 +11,8 @@ from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Certified, decode
-from recordings import edited, first, recorded
-from tamperings import crowd, tampers
+from samples.recordings import edited, first, recorded
+from tampering.tamperings import crowd, tampers
 
 
 def with_certificate(whole: Recording, **changes: Any) -> Recording:

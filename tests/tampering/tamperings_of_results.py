@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
-from recordings import all_edited, edited, first, recorded
-from tamperings import crowd, tampers
+from samples.recordings import all_edited, edited, first, recorded
+from tampering.tamperings import crowd, tampers
 
 
 @tampers("edges")

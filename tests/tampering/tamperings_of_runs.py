@@ -20,9 +20,9 @@ from cubepath.protocol.wire.messages import (
     Waiting,
     decode,
 )
-from recordings import edited, first, record_of, recorded, with_records
-from tamperings import crowd, tampers
-from tamperings_of_schedules import not_begun, stopped, with_summary
+from samples.recordings import edited, first, record_of, recorded, with_records
+from tampering.tamperings import crowd, tampers
+from tampering.tamperings_of_schedules import not_begun, stopped, with_summary
 
 
 def with_parameter(key: str, value: str) -> Recording:

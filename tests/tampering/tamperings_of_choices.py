@@ -20,8 +20,8 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, as_choice
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from recordings import edited, first, new_path, parts, recorded
-from tamperings import crowd, tampers
+from samples.recordings import edited, first, new_path, parts, recorded
+from tampering.tamperings import crowd, tampers
 
 Lie = Callable[[View, Choice], Choice]
 LIAR, LIE_IN = 2, 4

@@ -11,8 +11,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Stopped
-from recordings import edited, first
-from schedules import (
+from samples.recordings import edited, first
+from samples.schedules import (
     VEHICLES,
     a_place_on_the_way,
     carry_out,
@@ -21,7 +21,7 @@ from schedules import (
     without_place,
     written,
 )
-from tamperings import tampers
+from tampering.tamperings import tampers
 
 
 def carried_out() -> Recording:

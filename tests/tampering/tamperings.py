@@ -15,7 +15,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Cube, Report, Said, decode
-from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
+from samples.recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 
 Tampering = Callable[[], Recording]
 TAMPERINGS: list[Any] = []

@@ -19,7 +19,7 @@ Cell = tuple[int, int]
 Steps = list[list[Cell]]
 """Where the vehicles are, timestep by timestep."""
 
-DATA = Path(__file__).parent / "data" / "imports"
+DATA = Path(__file__).parent.parent / "data" / "imports"
 _LETTERS = {(0, 1): "N", (1, 0): "E", (0, -1): "S", (-1, 0): "W"}
 
 

@@ -13,9 +13,9 @@ import zstandard
 
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from recordings import new_path, recorded
+from samples.recordings import new_path, recorded
 
-_GOLDEN = Path(__file__).parent.parent / "logs" / "golden"
+_GOLDEN = Path(__file__).parents[2] / "logs" / "golden"
 _CHUNK, _CHANNEL, _MESSAGE, _DATA_END = 6, 4, 5, 15
 
 

@@ -19,7 +19,16 @@ from typing import Any, NamedTuple
 
 import zstandard
 
-from minimal_systems import Action, RefusedError, Site, State, System, listed, need, sites_of
+from oracles.minimal_systems import (
+    Action,
+    RefusedError,
+    Site,
+    State,
+    System,
+    listed,
+    need,
+    sites_of,
+)
 
 Move = tuple[Action, int]
 Literal = int | bool

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go
-from recordings import edited, first, new_path
-from tamperings import crowd, tampers
+from samples.recordings import edited, first, new_path
+from tampering.tamperings import crowd, tampers
 
 
 @cache

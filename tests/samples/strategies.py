@@ -13,11 +13,11 @@ from typing import TypeVar
 
 from hypothesis import strategies as st
 
-from complexes import actions_at
 from cubepath.protocol.core.actions import Action, State, apply, commute
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
+from oracles.complexes import actions_at
 
 T = TypeVar("T")
 Word = list[Action]

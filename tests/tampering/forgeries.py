@@ -15,10 +15,10 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.free_messages import Asks, Attempt, FreeMessage, Passes, Settled
-from free_numbers import numbered
-from free_runs import free_recorded, free_run, results, write
-from recordings import new_path, recorded
-from tamperings import (
+from samples.free_numbers import numbered
+from samples.free_runs import free_recorded, free_run, results, write
+from samples.recordings import new_path, recorded
+from tampering.tamperings import (
     a_granted_claim_is_called_lost,
     a_lost_claim_is_executed_too,
     a_message_missed,
@@ -30,32 +30,32 @@ from tamperings import (
     crowd,
     heard_what_nobody_said,
 )
-from tamperings_of_certificates import a_chain_that_is_too_short
-from tamperings_of_choices import (
+from tampering.tamperings_of_certificates import a_chain_that_is_too_short
+from tampering.tamperings_of_choices import (
     a_claim_that_the_rule_did_not_make,
     a_note_that_was_forged,
     a_rule_of_another_run,
     hesitation_of_another_run,
 )
-from tamperings_of_results import (
+from tampering.tamperings_of_results import (
     a_goal_that_was_not_reached,
     a_move_of_a_cube_is_missing,
     an_end_before_its_time,
     two_cubes_swapped,
 )
-from tamperings_of_runs import (
+from tampering.tamperings_of_runs import (
     a_module_that_never_gave_up,
     a_process_that_did_not_answer,
     a_run_that_was_not_interrupted,
 )
-from tamperings_of_schedules import carried_out, fewer_cubes_than_rounds, stopped
-from tamperings_of_stages import the_stages_are_of_another_rule
+from tampering.tamperings_of_schedules import carried_out, fewer_cubes_than_rounds, stopped
+from tampering.tamperings_of_stages import the_stages_are_of_another_rule
 
 Forgery = Callable[[], Recording]
 Edit = Callable[[Any], Any]
 """Returns another document in place of one, or None to leave it."""
 RESULTS = ("edges", "cube", "certificate", "summary")
-GOLDEN = Path(__file__).parent.parent / "logs" / "golden" / "hex-free-5.mcap"
+GOLDEN = Path(__file__).parents[2] / "logs" / "golden" / "hex-free-5.mcap"
 
 
 def chain() -> Recording:

@@ -13,7 +13,7 @@ from typing import Any
 
 from cubepath.coordinator.commands.main import main
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "logs" / "golden"
 PYTHON = [sys.executable, "-W", "error", "-m", "cubepath.coordinator"]
 

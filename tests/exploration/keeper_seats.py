@@ -27,7 +27,7 @@ from cubepath.agents.keepers.keeper import (
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.free_messages import Settled
 from cubepath.protocol.wire.messages import encode
-from keeper_world import Dealt, Letter, Scenario, letters_of
+from exploration.keeper_world import Dealt, Letter, Scenario, letters_of
 
 _LEFT = 2
 """What is held is held for so many ticks more, until its time has come."""

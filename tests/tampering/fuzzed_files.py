@@ -18,7 +18,7 @@ from cubepath.protocol.path_files.numbered import IrregularError, read_path
 from cubepath.protocol.path_files.schedules import read_timetable, schedule_from_jsonl
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
-from junk import changed_json, changed_lines, changed_toml
+from tampering.junk import changed_json, changed_lines, changed_toml
 
 SPEC = "agv:graph=P6,n=2"
 MOVES = b"".join(

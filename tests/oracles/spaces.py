@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from hypothesis import strategies as st
 
-from complexes import actions_at, commuting_sets, states_of
 from cubepath.coordinator.theory.complexes.cubical_complex import (
     CubicalComplex,
     Faces,
@@ -20,6 +19,7 @@ from cubepath.coordinator.theory.complexes.cubical_complex import (
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
+from oracles.complexes import actions_at, commuting_sets, states_of
 
 Pair = tuple[int, int, int]
 

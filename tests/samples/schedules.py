@@ -17,7 +17,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.messages import Report, Summary, decode
-from recordings import new_path, parts, recorded
+from samples.recordings import new_path, parts, recorded
 
 CHAIN = ("hex:n=5", "chain", 60)
 VEHICLES = ("agv:graph=grid5x5,n=5", "tswap", 60)

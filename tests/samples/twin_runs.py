@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from batched import batches
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType, as_choice
@@ -20,8 +19,9 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Edges, Executed, Report, decode, parts_of
-from long_runs import said
-from recordings import record_of
+from samples.batched import batches
+from samples.long_runs import said
+from samples.recordings import record_of
 
 
 class Deviation(NamedTuple):
