@@ -3,9 +3,9 @@
     python tests/bench/bench_exporting.py [--quick]
 
 The recordings are long runs with rounds (`tests/samples/long_runs.py`). *read* is a pass over the
-messages as bytes; *decoded* is a pass over `Recording.messages`, with which an
-exporter of your own would begin, and every other column is a multiple of
-its time: the `moves` as CSV, the `messages` as CSV, Parquet and JSON Lines, the file for viewers without and with the robot, a filter that takes
+messages as bytes; *decoded* is a pass over `Recording.messages`, with which an exporter of your own
+would begin, and every other column is a multiple of its time: the `moves` as CSV, the `messages` as
+CSV, Parquet and JSON Lines, the file for viewers without and with the robot, a filter that takes
 half of the topics, a split into four parts, and the merge of these. Times are processor times of
 one thread, medians of several, by turns. *growth* is the slope of log time over log messages of all
 of it together against the row before; linear is 1.
