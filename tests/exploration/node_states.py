@@ -30,7 +30,7 @@ _CONSTANT = (
     type(cache(len)),
 )
 """What never changes, or keeps only what it could compute again."""
-_OWN = ("cubepath", "node_states", "short_runs", "agents", "tests")
+_OWN = ("cubepath", "exploration", "samples", "agents", "tests")
 """Where classes are whose objects are copied attribute by attribute."""
 _ALIKE = (System, VehicleGraph, Roads, Judge, Refusals, BuiltinFunctionType, type(cache(len)))
 """What is one and the same for all states of a node, or only tells of what had no effect."""
