@@ -245,7 +245,7 @@ def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
 def cubepath_run(
     request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: RecordingFolder
 ) -> Iterator[RunFixture]:
-    """Return what starts a run in processes: ``cubepath_run("hex:n=7", "chain")`` is a `Rig`.
+    """Return what starts runs: ``cubepath_run("hex:n=7", "chain")`` is a `RunUnderTest`.
 
     Everything that it starts is ended when the test is over, whatever happens.
     """
