@@ -246,7 +246,7 @@ def test_processes_from_elsewhere_wait_as_long_as_a_run_is_paused(tmp_path: Path
     def join_it(line: str) -> None:
         found = re.search(r"tcp/[0-9.:]+", line)
         if found is not None and not joined:
-            joining = Joining(found[0], (0, 1), patience_s=0.5)
+            joining = Joining(found[0], (0, 1), patience_s=1.5)
             thread = threading.Thread(target=lambda: left.append(join(joining, lambda _: None)))
             joined.append(thread)
             thread.start()
@@ -256,7 +256,7 @@ def test_processes_from_elsewhere_wait_as_long_as_a_run_is_paused(tmp_path: Path
     with start(here, say=join_it) as running, Live(running) as page:
         running.step(1)
         order(page.address, "pause")
-        resume = threading.Timer(1.5, order, (page.address, "resume"))
+        resume = threading.Timer(4.5, order, (page.address, "resume"))
         resume.start()
         assert running.play().goal_reached
         resume.join()
