@@ -1,4 +1,4 @@
-"""The tables and pictures of docs/findings.md, from the rows of the scripts in docs/studies.
+"""Tables and pictures of docs/findings.md, from the rows of the scripts in docs/studies.
 
 ``python tests/findings.py`` writes them. docs/findings.md names the commands that make the rows.
 """
@@ -20,9 +20,8 @@ from matplotlib.patches import RegularPolygon
 from PIL import Image
 
 from cubepath.coordinator.experiments.tables import without_size
-from studies import DOCS, FOLDER, markdown
+from studies import DOCS, FOLDER, markdown, write_tables
 
-PAGE = DOCS / "findings.md"
 FILES = {
     "flips": "flip-diameter.json",
     "hexagons": "hexagon-shapes.json",
@@ -335,22 +334,11 @@ PICTURES = {
 }
 
 
-def tables_of_page() -> dict[str, str]:
-    """Return the tables that stand on the page, by their marks."""
-    text = PAGE.read_text("utf-8")
-    return dict(re.findall(r"<!-- table (\w+) -->\n(.*?)\n<!-- end -->", text, re.DOTALL))
-
-
 def main() -> None:
     """Write the pictures and the tables."""
-    text = PAGE.read_text("utf-8")
     for name in FILES:
-        rows = committed(name)
-        (DOCS / f"findings-{name}.png").write_bytes(PICTURES[name](rows))
-        begin, end = f"<!-- table {name} -->\n", "<!-- end -->"
-        before, _, rest = text.partition(begin)
-        text = f"{before}{begin}{TABLES[name](rows)}\n{end}{rest.partition(end)[2]}"
-    PAGE.write_text(text, "utf-8")
+        (DOCS / f"findings-{name}.png").write_bytes(PICTURES[name](committed(name)))
+    write_tables({name: TABLES[name](committed(name)) for name in FILES})
 
 
 if __name__ == "__main__":

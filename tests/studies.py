@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from statistics import median
@@ -29,10 +29,7 @@ from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, sho
 
 DOCS = Path(__file__).parent.parent / "docs"
 FOLDER = DOCS / "studies"
-PAGES = {
-    "price": DOCS / "price-of-decentralisation.md",
-    "free-clock": DOCS / "free-against-lockstep.md",
-}
+PAGE = DOCS / "findings.md"
 _OF_THE_MACHINE = {"seconds", "id", "code", "configuration", "recording", "digest"}
 """Columns that tell how a run was played, or that do not go into tens of kilobytes."""
 JITTER = 0.5
@@ -319,16 +316,26 @@ TABLES = {"price": price_tables, "free-clock": free_tables}
 PICTURES = {"price": price_picture, "free-clock": free_picture}
 
 
-def tables_of_page(study: str) -> dict[str, str]:
-    """Return the tables that stand on the page of a study, by their marks."""
-    text = PAGES[study].read_text("utf-8")
+def tables_of_page() -> dict[str, str]:
+    """Return the tables that stand on the page, by their marks."""
+    text = PAGE.read_text("utf-8")
     return dict(re.findall(r"<!-- table (\w+) -->\n(.*?)\n<!-- end -->", text, re.DOTALL))
+
+
+def write_tables(tables: Mapping[str, str]) -> None:
+    """Put tables into the page, by their marks."""
+    text = PAGE.read_text("utf-8")
+    for mark, table in tables.items():
+        begin, end = f"<!-- table {mark} -->\n", "<!-- end -->"
+        before, _, rest = text.partition(begin)
+        text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
+    PAGE.write_text(text, "utf-8")
 
 
 def main() -> None:
     """Write the rows, the picture and the tables of a study from the folders of its sweeps."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("study", choices=PAGES)
+    parser.add_argument("study", choices=TABLES)
     parser.add_argument("folders", nargs="*", metavar="DIR", help="default: the rows on file")
     asked = parser.parse_args()
     if asked.folders:
@@ -336,13 +343,7 @@ def main() -> None:
         write_rows(asked.study, kept(found))
     rows = committed(asked.study)
     (FOLDER / f"{asked.study}.png").write_bytes(PICTURES[asked.study](rows))
-    page = PAGES[asked.study]
-    text = page.read_text("utf-8")
-    for mark, table in TABLES[asked.study](rows).items():
-        begin, end = f"<!-- table {mark} -->\n", "<!-- end -->"
-        before, _, rest = text.partition(begin)
-        text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
-    page.write_text(text, "utf-8")
+    write_tables(TABLES[asked.study](rows))
 
 
 if __name__ == "__main__":

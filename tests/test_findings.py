@@ -39,8 +39,8 @@ from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.systems.lattice import LatticeSystem
-from findings import FILES, PAGE, TABLES, committed, factors, tables_of_page
-from studies import DOCS
+from findings import FILES, TABLES, committed, factors
+from studies import DOCS, PAGE, tables_of_page
 
 FREE_TRIANGULATIONS = (1, 3, 4, 12, 27, 82, 228, 733, 2282, 7528, 24834, 83898)
 """A000207 from the pentagon on."""
@@ -56,7 +56,7 @@ def _as_kept(row: Any) -> Any:
 
 def test_the_page_has_the_tables_of_its_rows() -> None:
     """Each table between its marks; the pictures are there, and all is small."""
-    assert tables_of_page() == {name: TABLES[name](committed(name)) for name in FILES}
+    assert tables_of_page().items() >= {(name, TABLES[name](committed(name))) for name in FILES}
     for name in FILES:
         assert f"(findings-{name}.png)" in PAGE.read_text("utf-8")
         assert (DOCS / f"findings-{name}.png").stat().st_size < 60_000

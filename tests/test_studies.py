@@ -1,4 +1,4 @@
-"""The studies: what their pages say is what their rows say, and the rows come out again."""
+"""The studies: what their page says is what their rows say, and the rows come out again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cubepath.protocol import scene_from_spec
 from faces import ROOT
 from studies import (
     FOLDER,
-    PAGES,
+    PAGE,
     PICTURES,
     TABLES,
     beat,
@@ -54,16 +54,16 @@ def _named(row: Row) -> tuple[object, ...]:
     return tuple(row[name] for name in _RUN)
 
 
-@pytest.mark.parametrize("study", PAGES)
-def test_a_page_has_the_tables_of_its_rows(study: str) -> None:
+@pytest.mark.parametrize("study", TABLES)
+def test_the_page_has_the_tables_of_its_rows(study: str) -> None:
     """Each table between its marks; the picture is there, and all is small."""
-    assert tables_of_page(study) == TABLES[study](committed(study))
-    assert f"studies/{study}.png" in PAGES[study].read_text("utf-8")
+    assert tables_of_page().items() >= TABLES[study](committed(study)).items()
+    assert f"studies/{study}.png" in PAGE.read_text("utf-8")
     assert (FOLDER / f"{study}.parquet").stat().st_size < 100_000
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("study", PAGES)
+@pytest.mark.parametrize("study", TABLES)
 def test_the_rows_are_those_of_the_sweeps(study: str) -> None:
     """One for each run that the files name, and none beside them."""
     runs = [
@@ -98,7 +98,7 @@ def test_how_long_paths_are_without_rounds() -> None:
     assert most == ("agv-labelled:graph=grid8x8,n=16,seed=1", "slow=0.5")
     assert 1.195 < min(longer.values()) < 1.205
     assert 1.465 < longer[most] < 1.475
-    text = " ".join(PAGES["free-clock"].read_text("utf-8").split())
+    text = " ".join(PAGE.read_text("utf-8").split())
     assert "in 9 of the 48 settings" in text
     assert "takes 20 to 47% more" in text
 
@@ -111,7 +111,7 @@ def test_which_runs_of_pibt_did_not_arrive() -> None:
     assert {row["ended"] for row in gave_up} == {"gave-up"}
     assert {(row["ended"], row["rounds"]) for row in late} == {("max-rounds", 1000)}
     rounds = [row["rounds"] for row in gave_up]
-    text = " ".join(PAGES["price"].read_text("utf-8").split())
+    text = " ".join(PAGE.read_text("utf-8").split())
     assert f"{len(gave_up)} of 60 runs gave up after {min(rounds)} to {max(rounds)} rounds" in text
     assert f"on the map {len(late)} of 60 did not arrive in 1000" in text
 
@@ -129,7 +129,7 @@ def test_prices_multiply_in_every_row() -> None:
         assert row["optimum"] in {None, row["best"]}
 
 
-def test_what_the_pages_say_of_all_runs_holds_in_every_row() -> None:
+def test_what_the_page_says_of_all_runs_holds_in_every_row() -> None:
     """The arm is optimal on time, chains take one number of cubes, a slow module slows all."""
     arms = [row for row in committed("price") if row["rule"] == "word" and not row["hesitate"]]
     assert arms
@@ -154,7 +154,7 @@ def test_the_longest_turn_of_a_round() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("study", PAGES)
+@pytest.mark.parametrize("study", TABLES)
 def test_pictures_are_drawn_from_the_rows(study: str) -> None:
     """Whole, and the same again."""
     rows = committed(study)

@@ -1,6 +1,6 @@
 """Certificates: proofs that a schedule is a shortest one in the class of its path.
 
-This is the format, in files and in recordings; see docs/certificates.md. Certificates are built and
+This is the format, in files and in recordings; see docs/schedules.md. Certificates are built and
 checked in the coordinator, by modules that share only this one.
 """
 

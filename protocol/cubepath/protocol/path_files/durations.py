@@ -1,4 +1,4 @@
-"""Durations of moves as input: from a file, or as ``NAME=TIME``; see docs/certificates.md.
+"""Durations of moves as input: from a file, or as ``NAME=TIME``; see docs/schedules.md.
 
 All times are exact: integers and fractions. A decimal number is read as written, never as a binary
 floating-point number.
