@@ -10,7 +10,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 from cubepath.coordinator.commands.console import BAD_INPUT, complain, say
 from cubepath.protocol.core.formatting import did_you_mean
@@ -73,14 +73,9 @@ class Parser(argparse.ArgumentParser):
             super()._print_message(message, file)
 
 
-class AddCommand(Protocol):
-    """Adds a command of this name and function; returns its parser."""
-
-    def __call__(
-        self, name: str, function: Callable[[argparse.Namespace], int], /
-    ) -> argparse.ArgumentParser:
-        """Add the command."""
-        ...
+def more_options(parser: argparse.ArgumentParser) -> Any:
+    """Return the group of the options of a command that few need, which the help lists last."""
+    return parser.add_argument_group("more options")
 
 
 _WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
