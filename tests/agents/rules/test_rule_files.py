@@ -99,7 +99,7 @@ def test_a_rule_that_cannot_tell_what_it_fits_leaves_the_others_usable(
     """The list of rules names it in one line, and messages on other rules leave it out."""
     broken = rule_in_file(f"{file}:BROKEN")
     monkeypatch.setitem(rules(), "broken", broken)
-    assert main(["rules"]) == 0
+    assert main(["rule", "list"]) == 0
     told = capsys.readouterr()
     assert "random: " in told.out
     (line,) = told.err.splitlines()

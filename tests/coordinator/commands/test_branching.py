@@ -1,4 +1,4 @@
-"""`cubepath replay LOG --what-if RULE --from ROUND` and `--live MODULES` on the command line."""
+"""`cubepath run --from LOG --rule RULE --round ROUND` and `--live MODULES` on the command line."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> 
     assert f"parent         {LOG}, rule pibt: 4 of its rounds\n" in told
     assert "what if        rule random from round 5 on\nrounds         7\n" in told
     assert verify(out).ok
-    assert main(["info", str(out), "--json"]) == 0
+    assert main(["log", "info", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     assert (found["parent"], found["what_if"], found["from_round"]) == ("agv-6.mcap", "random", "5")
     again = [*options[:-1], str(tmp_path / "again.mcap")]
@@ -63,7 +63,7 @@ def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> 
 
 def test_live_modules_are_compared(tmp_path: Path, capsys: Capture) -> None:
     """Exit code 0 if all is the same, and 1 with the divergence on both streams."""
-    assert main(["replay", LOG, "--live=0-1", "--processes=0"]) == 0
+    assert main(["replay", LOG, "--modules=0-1", "--processes=0"]) == 0
     assert capsys.readouterr().out == "the same for 20 of 20 rounds\n"
     out = str(tmp_path / "live.mcap")
     other = ["--live=all", "--rule=random", "--processes=0", "--json", "-o", out]
@@ -84,7 +84,7 @@ def test_a_recording_that_was_cut_off_says_so(tmp_path: Path, capsys: Capture) -
     """What is not played is said, and the rest is."""
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((GOLDEN / "agv-6.mcap").read_bytes()[:30000])
-    assert main(["replay", str(cut), "--live=0", "--processes=0"]) == 0
+    assert main(["replay", str(cut), "--modules=0", "--processes=0"]) == 0
     told = capsys.readouterr()
     rounds = int(told.out.split()[3])
     assert f"could be read before it; it is used up to round {rounds}\n" in told.err

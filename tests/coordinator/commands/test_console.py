@@ -100,7 +100,7 @@ def test_what_standard_output_cannot_encode_is_escaped(
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for line, shown in (
         (f"cubepath shorten {RECORDING} -o 名.jsonl", f"{name}.jsonl"),
-        ("cubepath info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
+        ("cubepath log info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
     ):
         done = in_shell(line, cwd=tmp_path, env=environment)
         assert (done.returncode, done.stderr) == (0, "")
@@ -202,5 +202,5 @@ def test_a_document_has_names_as_they_are(
     """JSON has escapes of its own."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(RECORDING, f"{WILD}.mcap")
-    assert main(["info", f"{WILD}.mcap", "--json"]) == 0
+    assert main(["log", "info", f"{WILD}.mcap", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["log"] == f"{WILD}.mcap"

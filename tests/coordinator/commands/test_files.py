@@ -60,9 +60,9 @@ def contents(folder: Path) -> dict[str, bytes]:
         "cubepath shorten - -o - < moves.jsonl",
         "cubepath shorten /dev/stdin -o /dev/stdout < moves.jsonl",
         "cubepath shorten <(cat moves.jsonl) -o -",
-        "cat moves.jsonl | cubepath convert - - | cubepath shorten - -o -",
-        "cubepath convert moves.jsonl m.npz >&2; cat m.npz | cubepath shorten - -o -",
-        "cubepath shorten moves.jsonl -o c.npz >&2; cat c.npz | cubepath convert - -",
+        "cat moves.jsonl | cubepath shorten - --convert -o - | cubepath shorten - -o -",
+        "cubepath shorten moves.jsonl --convert -o m.npz >&2; cat m.npz | cubepath shorten - -o -",
+        "cubepath shorten moves.jsonl -o c.npz >&2; cat c.npz | cubepath shorten - --convert -o -",
     ],
 )
 def test_moves_and_cubes_come_and_go_by_standard_streams(line: str, folder: Path) -> None:
@@ -90,7 +90,7 @@ PROVED = "proved     no schedule of 1 round or fewer; the schedule has 2: optima
         ("cat two.proof | cubepath verify -", PROVED),
         ("cubepath verify <(cat two.proof)", PROVED),
         ("cubepath verify - < run.mcap", "ok      readable"),
-        ("cubepath verify - --recover new.mcap < run.mcap", "ok      readable"),
+        ("cubepath log recover - -o new.mcap < run.mcap", "ok      readable"),
         ("cubepath verify - --of moves.jsonl < c.json", "ok      form"),
         ("cubepath verify <(cat c.json) --of moves.jsonl", "ok      form"),
     ],
@@ -143,7 +143,7 @@ def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
         ("cubepath view run.mcap -o -", "standard output: takes moves and cubes alone"),
         ("cubepath view - < run.mcap", "standard input: has no name for a picture"),
         ("cubepath run hex:n=3 --log -", "standard output: has the answer, expected a file"),
-        ("cubepath verify run.mcap --recover -", "standard output: takes moves and cubes alone"),
+        ("cubepath log recover run.mcap -o -", "standard output: takes moves and cubes alone"),
     ],
 )
 def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Path) -> None:

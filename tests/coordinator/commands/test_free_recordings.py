@@ -167,7 +167,7 @@ def test_recordings_of_other_scenes_differ_by_their_starts(
 ) -> None:
     """One line on standard error, exit code 1."""
     paths = the_recording().path, free_recorded("hex:n=3", moves=4).path
-    assert main(["verify", *map(str, paths), "--same"]) == 1
+    assert main(["diff", *map(str, paths), "--same"]) == 1
     assert "not same: the starts differ: " in capsys.readouterr().err
 
 

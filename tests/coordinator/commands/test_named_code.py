@@ -266,4 +266,4 @@ def test_only_what_can_be_required_is_taken() -> None:
     """A check by its name, of a recording."""
     log = str(GOLDEN / "hex-5.mcap")
     assert "--require choses: no such check" in refused("verify", log, "--require", "choses")
-    assert "expected recordings" in refused("verify", log, log, "--same", "--require", "choices")
+    assert "expected recordings" in refused("diff", log, log, "--same", "--require", "choices")

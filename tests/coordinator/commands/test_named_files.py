@@ -169,7 +169,7 @@ def test_the_logs_of_a_run_that_is_resumed_are_beside_it(
     monkeypatch.chdir(given)
     run("hex:n=2", "random", clock="free", processes=1, keepers=1, max_rounds=1, log="free.mcap")
     Path("free.mcap.keepers").symlink_to("../mine")
-    line = refused("run", "--resume", "free.mcap", "--log", "more.mcap")
+    line = refused("run", "--from", "free.mcap", "--log", "more.mcap")
     assert line.startswith("cubepath: free.mcap.keepers: leads out of .")
 
 

@@ -47,14 +47,14 @@ def test_what_is_begun_is_whole(kind: str, tmp_path: Path) -> None:
 
 def test_a_rule_that_is_begun_reaches_its_goal() -> None:
     """As it stands, for every seed."""
-    assert main(["new", "rule", "mine"]) == 0
+    assert main(["rule", "new", "mine"]) == 0
     rule = runpy.run_path("mine/mine.py")["MINE"]
     assert all(play("agv:graph=grid4x4,n=3", rule, seed=seed).reached for seed in range(5))
 
 
 def test_a_system_that_is_begun_has_an_environment() -> None:
     """Its scene is played, and ends where it is to end."""
-    assert main(["new", "system", "mine", "-o", "deep/down"]) == 0
+    assert main(["system", "new", "mine", "-o", "deep/down"]) == 0
     family = runpy.run_path("deep/down/mine.py")["MINE"]
     scene = family.build("mine", {key: default for key, (default, _) in family.keys.items()})
     assert play(scene, "random", seed=1).reached
@@ -62,7 +62,7 @@ def test_a_system_that_is_begun_has_an_environment() -> None:
 
 def test_the_files_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     """With where they are and what they are for."""
-    assert main(["new", "rule", "mine", "-o", "there", "--json"]) == 0
+    assert main(["rule", "new", "mine", "-o", "there", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {
         "kind": "rule",
         "name": "mine",
@@ -106,8 +106,8 @@ def test_nothing_that_exists_is_touched(tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     for name in ("folder", "file", "link"):
         expected = f"cubepath: {name}: exists already, expected a new folder"
-        assert refused("new", "rule", "mine", "-o", name) == expected
-    assert "file/mine: " in refused("new", "rule", "mine", "-o", "file/mine")
+        assert refused("rule", "new", "mine", "-o", name) == expected
+    assert "file/mine: " in refused("rule", "new", "mine", "-o", "file/mine")
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -124,7 +124,7 @@ def test_nothing_half_written_is_left(
         return write(path, text, encoding)
 
     monkeypatch.setattr(Path, "write_text", full)
-    assert main(["new", "rule", "mine"]) == 1
+    assert main(["rule", "new", "mine"]) == 1
     assert capsys.readouterr().err == "cubepath: mine: cannot be written: No space left on device\n"
     assert not list(tmp_path.iterdir())
 
@@ -161,4 +161,4 @@ def test_what_is_begun_is_installed_and_passes_its_tests(tmp_path: Path) -> None
     vehicles = ["agv:graph=grid4x4,n=3", "--rule", "led"]
     assert json.loads(shell(*run, *vehicles, cwd=tmp_path, site=site))["goal_reached"]
     assert json.loads(shell(*run, "hall:n=2", cwd=tmp_path, site=site))["rule"] == "random"
-    assert "led" in shell(*PYTHON, "rules", cwd=tmp_path, site=site)
+    assert "led" in shell(*PYTHON, "rule", "list", cwd=tmp_path, site=site)

@@ -139,7 +139,7 @@ def test_a_list_that_nobody_reads_ends_quietly(folder: Path) -> None:
     """As one document does; and one recording may come by standard input."""
     done = without_reader("verify", "runs", "--json")
     assert (done.returncode, done.stderr) == (141, "")
-    done = in_shell("cubepath info runs - --json < runs/a.mcap")
+    done = in_shell("cubepath log info runs - --json < runs/a.mcap")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert [each["log"] for each in found] == ["runs/a.mcap", "runs/b.mcap", "standard input"]

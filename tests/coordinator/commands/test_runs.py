@@ -87,7 +87,7 @@ def test_a_rule_that_does_not_fit_a_scene_is_refused_before_a_run(
 @pytest.mark.slow
 def test_rules_sweep_and_run_agree_on_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
     """Every rule on the default scene of every family."""
-    assert main(["rules", "--json"]) == 0
+    assert main(["rule", "list", "--json"]) == 0
     told = {each["name"]: each["systems"] for each in json.loads(capsys.readouterr().out)}
     assert "hex-shapes" not in told["chain"]
     for family, (rule, systems) in product(all_families(), told.items()):

@@ -99,7 +99,7 @@ def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, 
     done = cubepath("simulate", *options, "--out", tmp_path / "out", env=with_path(fickle))
     assert done.returncode == 1
     assert "seed 4: rule: without faults: rule 'broken', module_0: KeyError" in done.stderr
-    assert cubepath("info", tmp_path / "out" / "simulated-4.mcap").returncode == 0
+    assert cubepath("log", "info", tmp_path / "out" / "simulated-4.mcap").returncode == 0
 
 
 @pytest.mark.parametrize(

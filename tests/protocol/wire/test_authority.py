@@ -88,7 +88,7 @@ def test_what_makes_no_sense_is_one_line(
     arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2, and nothing is written."""
-    assert main(["certificates", str(tmp_path / "new"), *arguments]) == 2
+    assert main(["host", "certificates", str(tmp_path / "new"), *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith(f"cubepath: {line}")
     assert captured.err.count("\n") == 1

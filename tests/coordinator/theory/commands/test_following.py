@@ -1,4 +1,4 @@
-"""``cubepath shorten --following`` and ``cubepath verify`` of what it writes."""
+"""``cubepath improve --following`` and ``cubepath verify`` of what it writes."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_changed_file_fails_its_check(
 ) -> None:
     """The exit code is 1, and the line names the check."""
     output = tmp_path / "ring.jsonl"
-    main(["shorten", str(ring), "--following", "mapf", "-o", str(output)])
+    main(["improve", str(ring), "--following", "mapf", "-o", str(output)])
     output.write_text(output.read_text().replace('"rule":"mapf"', '"rule":"cgshop"'))
     capsys.readouterr()
     code, found, error = answered(capsys, "verify", output, "--of", ring)
@@ -80,7 +80,7 @@ def test_the_chain_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     """Robots of CG:SHOP 2021 that follow in one direction."""
     plan, instance = TRAIN / "train.solution.json", TRAIN / "train.instance.json"
     code = main(
-        ["shorten", str(plan), "--with", str(instance), "--following", "cgshop", "--explain"]
+        ["improve", str(plan), "--with", str(instance), "--following", "cgshop", "--explain"]
     )
     out = capsys.readouterr().out
     assert code == 0
@@ -134,13 +134,13 @@ def test_no_other_command_takes_it_for_a_path(
 ) -> None:
     """Neither shortening nor converting nor drawing: its moves do not commute."""
     output = tmp_path / "ring.jsonl"
-    main(["shorten", str(ring), "--following", "mapf", "-o", str(output)])
+    main(["improve", str(ring), "--following", "mapf", "-o", str(output)])
     capsys.readouterr()
     for command in (
         ["shorten", output],
-        ["convert", output, tmp_path / "moves.npz"],
+        ["shorten", output, "--convert", "-o", tmp_path / "moves.npz"],
         ["view", output],
-        ["shorten", output, "--following", "mapf"],
+        ["improve", output, "--following", "mapf"],
     ):
         code, _, error = answered(capsys, *command)
         assert code == 2
@@ -233,7 +233,7 @@ def test_a_changed_proof_is_refused(capsys: pytest.CaptureFixture[str], tmp_path
     pytest.importorskip("pysat.solvers")
     given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
     given.write_text(json.dumps(CROSSING))
-    main(["shorten", str(given), "--following", "cgshop", "--prove", "60", "--proof", str(proof)])
+    main(["improve", str(given), "--following", "cgshop", "--prove", "60", "--proof", str(proof)])
     capsys.readouterr()
     code, _, error = answered(capsys, "shorten", proof)
     assert (code, "a proof of optimality, expected a path" in error) == (2, True)

@@ -170,6 +170,6 @@ def test_wrong_use(written: Path) -> None:
         said = refused(command, str(written), "-o", "a.jsonl" if command == "shorten" else "a.png")
         assert said.startswith(f"cubepath: {written}: a proof of optimality, expected a path; ")
     assert "expected one proof" in refused("verify", str(written), str(written))
-    assert "expected one" in refused("verify", "logs/golden/hex-5.mcap", "--cnf", "a.cnf")
+    assert "expected one" in refused("verify", "logs/golden/hex-5.mcap", "-o", "a.cnf")
     assert "--of INPUT" in refused("verify", str(written), "--system", "hex:n=3")
     assert "no --cubes" in refused("verify", str(written), "--cubes", "cubes.jsonl")

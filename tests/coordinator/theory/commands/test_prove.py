@@ -100,7 +100,7 @@ def moves_of(folder: Path, *moves: Sequence[str]) -> str:
 def test_no_time_is_no_failure(seconds: str, tmp_path: Path, capsys: Capture) -> None:
     """What is known is told, and whether a proof was written; with no time at all there is none."""
     proof = tmp_path / "a.proof"
-    assert main(["shorten", GRID, "--prove", seconds, "--proof", str(proof)]) == 0
+    assert main(["improve", GRID, "--prove", seconds, "--proof", str(proof)]) == 0
     told = capsys.readouterr().out
     none = "proof             none: no length was refuted by clauses" in told
     assert none != proof.exists()
@@ -114,7 +114,7 @@ def test_a_file_that_is_not_written_is_left_as_it_was(tmp_path: Path, capsys: Ca
     """So that nobody takes an earlier proof for one of this path, the summary says so."""
     proof = tmp_path / "a.proof"
     proof.write_text("of another path")
-    assert main(["shorten", GRID, "--prove", "0", "--proof", str(proof)]) == 0
+    assert main(["improve", GRID, "--prove", "0", "--proof", str(proof)]) == 0
     assert f"refuted by clauses; {proof} is left as it was\n" in capsys.readouterr().out
     assert proof.read_text() == "of another path"
 
@@ -150,7 +150,7 @@ def test_one_round(tmp_path: Path, capsys: Capture) -> None:
 @pytest.mark.slow
 def test_what_is_too_large_is_told_in_its_row(tmp_path: Path, capsys: Capture) -> None:
     """Why nothing was proved, without a proof file."""
-    assert main(["shorten", ALGAE, "--prove", "2", "--proof", str(tmp_path / "a.proof")]) == 0
+    assert main(["improve", ALGAE, "--prove", "2", "--proof", str(tmp_path / "a.proof")]) == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if " proof 0.0 s" in line)
     assert row.strip() == "proof 0.0 s (0 problems, clauses for 160 labels, 64 at most)"
     assert list(tmp_path.iterdir()) == []
@@ -207,7 +207,7 @@ def test_options_are_looked_at_before_the_work(
 def test_seconds_are_a_number(seconds: str, capsys: Capture) -> None:
     """Finite, and 0 or more."""
     with pytest.raises(SystemExit) as stopped:
-        main(["shorten", HEX, f"--prove={seconds}"])
+        main(["improve", HEX, f"--prove={seconds}"])
     assert stopped.value.code == 2
     told = capsys.readouterr().err
     assert f"--prove: expected a number of seconds, 0 or more, found '{seconds}'" in told
@@ -224,10 +224,10 @@ def test_without_the_library_it_says_how_to_get_it(tmp_path: Path) -> None:
         "PathFinder.find_spec = missing\n"
     )
     where = os.environ | {"PYTHONPATH": str(tmp_path)}
-    done = cubepath("shorten", HEX, "--prove", "1", env=where)
+    done = cubepath("improve", HEX, "--prove", "1", env=where)
     expected = "cubepath: a proof takes the library python-sat: pip install 'cubepath[proofs]'\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
-    assert cubepath("shorten", HEX, "--bounds", env=where).returncode == 0
+    assert cubepath("improve", HEX, "--bounds", env=where).returncode == 0
 
 
 @pytest.mark.thorough

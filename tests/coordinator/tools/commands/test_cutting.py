@@ -1,4 +1,4 @@
-"""`cubepath filter`, `split` and `merge`: recordings in, recordings out."""
+"""`cubepath log filter`, `split` and `merge`: recordings in, recordings out."""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ def frames(path: Path) -> int:
 
 
 def numbers(log: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
-    """Return what ``cubepath info`` says of a recording."""
+    """Return what ``cubepath log info`` says of a recording."""
     capsys.readouterr()
-    assert main(["info", str(log), "--json"]) == 0
+    assert main(["log", "info", str(log), "--json"]) == 0
     found: dict[str, int] = json.loads(capsys.readouterr().out)
     return found
 

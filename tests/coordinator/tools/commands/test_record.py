@@ -1,4 +1,4 @@
-"""`cubepath record` beside other commands, each a process of its own."""
+"""`cubepath log record` beside other commands, each a process of its own."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_snapshot_that_does_not_fit_leaves_no_other_file(
     endpoint = run.says(r"endpoint (\S+), run")[1]
     script = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000));"
     script += "from cubepath.coordinator.commands.main import main; sys.exit(main(sys.argv[1:]))"
-    line = ["record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
+    line = ["log", "record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
     with Command([sys.executable, "-c", script, *line], name="record", cwd=tmp_path) as recorder:
         recorder.says("recording run")
         before = inside.stat().st_size

@@ -56,7 +56,7 @@ def test_runs_that_differ_end_with_1(capsys: pytest.CaptureFixture[str]) -> None
 def test_moves_are_compared_with_a_recording(capsys: pytest.CaptureFixture[str]) -> None:
     """The same path in another form, and one move less of it."""
     moves = new_path(".jsonl")
-    assert main(["convert", HEX, str(moves)]) == 0
+    assert main(["shorten", HEX, "--convert", "-o", str(moves)]) == 0
     capsys.readouterr()
     assert main(["diff", HEX, str(moves), "--system", "hex:n=5"]) == 0
     assert "no difference in what was done" in capsys.readouterr().out
@@ -224,7 +224,7 @@ def test_moves_take_the_system_of_the_recording_beside_them(
 ) -> None:
     """Also from a pipe; and it is said."""
     moves = new_path(".jsonl")
-    assert main(["convert", HEX, str(moves)]) == 0
+    assert main(["shorten", HEX, "--convert", "-o", str(moves)]) == 0
     capsys.readouterr()
     for arguments in ([str(moves), HEX], [HEX, str(moves)]):
         assert main(["diff", *arguments]) == 0

@@ -153,7 +153,7 @@ def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
     text = capsys.readouterr().out
     assert "not checked: the recording begins in round 6" in text
     assert "4 rounds, " in text
-    assert main(["info", str(logs[2])]) == 0
+    assert main(["log", "info", str(logs[2])]) == 0
     found = replay(logs[2])
     assert (found.rounds_compared, found.agrees, found.complete) == (4, True, False)
     assert found.not_compared[0] == "rounds 1 to 5"
@@ -315,7 +315,7 @@ def test_what_a_publisher_drops_is_counted(tmp_path: Path) -> None:
 @contextmanager
 def command(*arguments: str) -> Generator[subprocess.Popen[str]]:
     """Start the command, and wait until it records."""
-    line = [sys.executable, "-m", "cubepath", "record", "--json", *arguments]
+    line = [sys.executable, "-m", "cubepath", "log", "record", "--json", *arguments]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         try:
             assert child.stderr is not None
@@ -452,7 +452,7 @@ def test_what_is_wrong_is_one_line(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "here.mcap").write_text("something")
     try:
-        code = main(["record", *words.split()])
+        code = main(["log", "record", *words.split()])
     except SystemExit as ended:
         code = int(str(ended.code))
     assert code in (1, 2)
