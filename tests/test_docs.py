@@ -56,7 +56,8 @@ SHOWN = {
     "cubepath log record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",
     "cubepath: listening on tcp/127.0.0.1:17447 without TLS: whoever can connect can speak for any"
     " module": "what the first says",
-    "cubepath log record --connect tcp/127.0.0.1:17447 --snapshot 30 -o last.mcap": "until interrupted",
+    "cubepath log record --connect tcp/127.0.0.1:17447 --snapshot 30 -o last.mcap": "until"
+    " interrupted",
     "cubepath view --connect tcp/127.0.0.1:17447": "follows a run in another terminal",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }

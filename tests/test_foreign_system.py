@@ -170,7 +170,7 @@ def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> N
     assert commands.json(*check)["ok"]
     commands("convert", moves, "moves.npz", "--system=ring:n=6")
     assert commands.json("shorten", "moves.npz")["cubes"] == 1
-    recorded = commands.json("shorten", "ring.mcap", "--improve=0.5")
+    recorded = commands.json("improve", "ring.mcap", "--seconds=0.5")
     assert isinstance(recorded["improved"], int)
 
 
@@ -231,7 +231,7 @@ def test_what_its_methods_raise_is_one_line(
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     lines = [json.dumps({"generator": "flip", "at": place}) for place in (0, 4, 1, 2)]
     (tmp_path / "moves.jsonl").write_text("\n".join(lines) + "\n")
-    shorten = ("shorten", "moves.jsonl", "--system=late:n=6", "--improve=5")
+    shorten = ("improve", "moves.jsonl", "--system=late:n=6", "--seconds=5")
     said = commands(*shorten, code=2)
     assert said.startswith(f"cubepath: {told}")
     assert said.count("\n") == 1
