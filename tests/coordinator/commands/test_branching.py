@@ -1,4 +1,4 @@
-"""`cubepath run --from LOG --rule RULE --round ROUND` and `--live MODULES` on the command line."""
+"""`cubepath run --from LOG --round N` and `cubepath replay LOG --modules MODULES`."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_what_does_not_fit_is_one_line(options: list[str], why: str) -> None:
 def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> None:
     """For people in rows, for machines in one document; the recording is a whole one."""
     out = tmp_path / "child.mcap"
-    options = ["--what-if=random", "--from=5", "--max-rounds=7", "--processes=0", "-o", str(out)]
-    assert main(["replay", LOG, *options]) == 0
+    options = ["--rule=random", "--round=5", "--max-rounds=7", "--processes=0", "--log", str(out)]
+    assert main(["run", "--from", LOG, *options]) == 0
     told = capsys.readouterr().out
     assert f"parent         {LOG}, rule pibt: 4 of its rounds\n" in told
     assert "what if        rule random from round 5 on\nrounds         7\n" in told
@@ -55,7 +55,7 @@ def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> 
     found = json.loads(capsys.readouterr().out)["parameters"]
     assert (found["parent"], found["what_if"], found["from_round"]) == ("agv-6.mcap", "random", "5")
     again = [*options[:-1], str(tmp_path / "again.mcap")]
-    assert main(["replay", LOG, *again, "--json"]) == 0
+    assert main(["run", "--from", LOG, *again, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["from_round"], document["what_if"], document["rounds"]) == (5, "random", 7)
     assert document["path_digest"] == verify(out).path_digest
@@ -66,7 +66,7 @@ def test_live_modules_are_compared(tmp_path: Path, capsys: Capture) -> None:
     assert main(["replay", LOG, "--modules=0-1", "--processes=0"]) == 0
     assert capsys.readouterr().out == "the same for 20 of 20 rounds\n"
     out = str(tmp_path / "live.mcap")
-    other = ["--live=all", "--rule=random", "--processes=0", "--json", "-o", out]
+    other = ["--modules=all", "--rule=random", "--processes=0", "--json", "--log", out]
     assert main(["replay", LOG, *other]) == 1
     told = capsys.readouterr()
     document = json.loads(told.out)
@@ -103,10 +103,13 @@ def test_what_a_hole_leaves_is_used_and_what_begins_late_is_refused_in_one_line(
         saved.unlink(missing_ok=True)
         recover(hole, saved)
         for path in (hole, saved):
-            for words in (["--live", "0"], ["--what-if", "chain", "--from", "3"]):
+            for words in (
+                ["replay", "--modules=0"],
+                ["run", "--rule=chain", "--round=3", "--from"],
+            ):
                 out = tmp_path / f"{path.stem}-{place}-{words[0]}.mcap"
-                keep = ["-o", str(out), "--processes", "0"]
-                code = main(["replay", str(path), *words, *keep])
+                keep = ["--log", str(out), "--processes", "0"]
+                code = main([*words, str(path), *keep])
                 told = capsys.readouterr()
                 if no_start:
                     assert (code, told.err.count("\n")) == (2, 1)

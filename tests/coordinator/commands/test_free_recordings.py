@@ -35,7 +35,7 @@ def the_recording() -> Recording:
 def test_info_tells_the_clock_and_the_keepers(capsys: pytest.CaptureFixture[str]) -> None:
     """The parts of batches are counted by kind, as they stand in the file."""
     recording = the_recording()
-    found = told(capsys, "info", recording.path)
+    found = told(capsys, "log", "info", recording.path)
     assert (found["clock"], found["keepers"], found["format"]) == (
         "free",
         3,
@@ -58,7 +58,7 @@ def test_shorten_convert_and_view_read_it(
     path, moves = the_recording().path, tmp_path / "moves.jsonl"
     once, again = tmp_path / "once.jsonl", tmp_path / "again.jsonl"
     found = told(capsys, "shorten", path, "-o", once)
-    told(capsys, "convert", path, moves)
+    told(capsys, "shorten", path, "--convert", "-o", moves)
     assert told(capsys, "shorten", moves, "--system", SPEC, "-o", again)["cubes"] == found["cubes"]
     assert once.read_bytes() == again.read_bytes()
     for name in ("run.png", "run.gif"):
@@ -149,7 +149,7 @@ def test_runs_are_compared_whatever_form_they_have(
 ) -> None:
     """A run is the same as its moves in a file, and homotopic to its schedule carried out."""
     path, moves, log = the_recording().path, tmp_path / "moves.jsonl", tmp_path / "log.mcap"
-    told(capsys, "convert", path, moves)
+    told(capsys, "shorten", path, "--convert", "-o", moves)
     told(capsys, "run", "--schedule", path, "--processes", 0, "--log", log)
     system = ("--system", SPEC)
     same: dict[str, object] = {"same": True, "difference": None}

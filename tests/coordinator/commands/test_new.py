@@ -28,7 +28,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("kind", ["rule", "system"])
 def test_what_is_begun_is_whole(kind: str, tmp_path: Path) -> None:
     """Its files compile, no name is left open, and the entry point names what is there."""
-    assert main(["new", kind, "Own_2"]) == 0
+    assert main([kind, "new", "Own_2"]) == 0
     folder = tmp_path / "Own_2"
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert names == {"pyproject.toml", "README.md", "Own_2.py", "tests/test_Own_2.py"}
@@ -94,7 +94,7 @@ def test_the_files_are_told(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_what_can_be_no_name_is_refused(kind: str, name: str, why: str, tmp_path: Path) -> None:
     """In one line, and nothing is written."""
-    assert why in refused("new", kind, name)
+    assert why in refused(kind, "new", name)
     assert not list(tmp_path.iterdir())
 
 
@@ -149,7 +149,7 @@ def test_what_is_begun_is_installed_and_passes_its_tests(tmp_path: Path) -> None
     """Both kinds, installed into a folder of their own; then runs have them by name."""
     site = tmp_path / "site"
     for kind, name in (("rule", "led"), ("system", "hall")):
-        assert main(["new", kind, name]) == 0
+        assert main([kind, "new", name]) == 0
         install = ["install", "--quiet", "--no-deps", "--no-build-isolation", "--target", str(site)]
         shell(sys.executable, "-m", "pip", *install, f"./{name}", cwd=tmp_path, site=site)
     for name, tests in (("led", 12), ("hall", 5)):

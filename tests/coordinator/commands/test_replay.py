@@ -152,7 +152,7 @@ class Terminal:
 @pytest.mark.slow
 def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
-    terminal = Terminal("replay", HEX, "--start-paused", "--json")
+    terminal = Terminal("replay", HEX, "--paused", "--json")
     try:
         terminal.shows(r"paused, next: round 1, message \d+ of 573, .* as fast as possible")
         assert "space pause, right/left a round on/back" in terminal.told

@@ -49,10 +49,19 @@ def test_what_names_no_modules_is_refused(text: str) -> None:
         (("join", "--connect=tcp/h:1", "--modules=0", "--as=process_03"), "expected process_N"),
         (("join", "--connect=tcp/h:1", "--modules=0", "--run=*"), "expected the twelve digits"),
         (("join", "--connect=tls/h:1", "--modules=0"), "expected a folder of certificates"),
-        (("router",), "the following arguments are required: --listen"),
-        (("router", "--listen=tcp/h"), "endpoint tcp/h: expected tcp/HOST:PORT or tls/HOST:PORT"),
-        (("router", "--listen=tls/h:1"), "expected a folder of certificates (--secure DIR)"),
-        (("router", "--listen=tls/h:1", "--secure=none"), "none/authority.crt: No such file"),
+        (("host", "router"), "the following arguments are required: --listen"),
+        (
+            ("host", "router", "--listen=tcp/h"),
+            "endpoint tcp/h: expected tcp/HOST:PORT or tls/HOST:PORT",
+        ),
+        (
+            ("host", "router", "--listen=tls/h:1"),
+            "expected a folder of certificates (--secure DIR)",
+        ),
+        (
+            ("host", "router", "--listen=tls/h:1", "--secure=none"),
+            "none/authority.crt: No such file",
+        ),
         (("run", "--wait-for=2"), "wait-for=2: nobody can join a private run"),
         (("run", "--listen=tcp/h:1", "--secure=none"), "expected tls/HOST:PORT with certificates"),
     ],

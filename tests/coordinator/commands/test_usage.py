@@ -35,12 +35,12 @@ def refused(capsys: Capture, *arguments: str) -> str:
         ("shorten --sytem=hex", "unknown option --sytem (did you mean '--system'?)"),
         ("shorten m.jsonl --expl", "unknown option --expl (did you mean '--explain'?)"),
         ("shorten m.jsonl --dura a=1", "unknown option --dura (did you mean '--duration'?)"),
-        ("info a.mcap -x", "unknown option -x;"),
-        ("systems --zzz", "unknown option --zzz; see 'cubepath system list --help'"),
-        ("systems more", "unexpected argument 'more'; see 'cubepath system list --help'"),
+        ("log info a.mcap -x", "unknown option -x;"),
+        ("system list --zzz", "unknown option --zzz; see 'cubepath system list --help'"),
+        ("system list more", "unexpected argument 'more'; see 'cubepath system list --help'"),
         ("shorten", "the following arguments are required: INPUT; see 'cubepath shorten --help'"),
         ("run --seed", "argument --seed: expected one argument; see 'cubepath run --help'"),
-        ("shorten a --following maf", "argument --following: unknown value 'maf' (did you mean "),
+        ("improve a --following maf", "argument --following: unknown value 'maf' (did you mean "),
     ],
 )
 def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> None:
@@ -60,8 +60,8 @@ def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> N
         ("run --hesitate 1", "--hesitate: expected a number from 0 to less than 1, found '1'"),
         ("run --hesitate nan", "--hesitate: expected a number from 0 to less than 1, found 'nan'"),
         ("run --hesitate=-0.1", "--hesitate: expected a number from 0 to less than 1"),
-        ("shorten a --improve 1 --seed -3", "--seed: expected a whole number of at least 0"),
-        ("shorten a --max-states -1", "--max-states: expected a whole number of at least 0"),
+        ("improve a --seconds 1 --seed -3", "--seed: expected a whole number of at least 0"),
+        ("improve a --max-states -1", "--max-states: expected a whole number of at least 0"),
         *(
             (f"shorten a --improve={time}", f"--improve: expected {SECONDS}, found '{time}'")
             for time in ("x", "nan", "-1", "inf")
@@ -88,9 +88,9 @@ def test_numbers_out_of_their_bounds(line: str, message: str, capsys: Capture) -
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        *((words, "LOG") for words in ("info", "verify", "replay")),
+        *((words, "LOG") for words in ("log info", "verify", "replay")),
         *((words, "INPUT") for words in ("shorten", "convert", "view")),
-        ("convert a", "OUTPUT"),
+        ("shorten a --convert", "OUTPUT"),
         ("run --schedule", "--schedule"),
         ("run --log", "--log"),
         *((f"shorten a {option}", option) for option in ("--with", "--certificate", "--durations")),

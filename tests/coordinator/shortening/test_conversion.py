@@ -115,7 +115,7 @@ def test_what_cannot_be_converted_is_refused(  # noqa: PLR0917 - fixtures and a 
 def test_improved_cubes_are_not_written_in_binary(crossing: Path, tmp_path: Path) -> None:
     """They are not made of the moves of the input."""
     cubes = str(tmp_path / "cubes.npz")
-    options = ["--system", CROSSING, "-o", cubes, "--improve", "0"]
+    options = ["--system", CROSSING, "-o", cubes, "--seconds", "0"]
     assert main(["shorten", str(crossing), *options]) == 2
 
 

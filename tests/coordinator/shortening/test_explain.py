@@ -201,7 +201,7 @@ def test_a_certificate_of_a_recording_is_verified(folder: Path, capsys: Output) 
     assert answer_of(capsys, "verify", str(certificate), "--of", str(log))["ok"]
     found = answer_of(capsys, "verify", str(log))
     assert {"name": "certificate", "ok": True, "checked": True, "detail": ""} in found["checks"]
-    inside = answer_of(capsys, "info", str(log))["certificate"]
+    inside = answer_of(capsys, "log", "info", str(log))["certificate"]
     proof = read_certificate(certificate)
     assert inside == {"cancelled": len(proof.cancelled), "chain": len(proof.chain)}
 
@@ -287,7 +287,7 @@ def test_a_timetable_is_written(folder: Path, capsys: Output) -> None:
         'generator = "edge"\nat = [[0, 1], [0, 0]]\nduration = 0.25\n'
     )
     arguments = ["shorten", "crossing.jsonl", "--system", SYSTEM, "--durations", "d.toml"]
-    found = answer_of(capsys, *arguments, "--duration", "edge=1/3", "-o", "times.jsonl")
+    found = answer_of(capsys, *arguments, "--durations", "edge=1/3", "-o", "times.jsonl")
     assert found["makespan"] == "2/3"
     lines = [(each.start, each.duration) for each in read_timetable(folder / "times.jsonl")]
     assert lines == [(0, "1/3"), ("1/3", "1/3"), ("1/3", "1/4")]

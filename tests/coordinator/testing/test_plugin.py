@@ -67,7 +67,7 @@ for face in ("protocol", "agents", "coordinator", "coordinator.testing"):
     for name in found.__all__:
         getattr(found, name)
 from cubepath.coordinator.commands.main import main
-sys.exit(main(["systems", "--json"]))
+sys.exit(main(["system", "list", "--json"]))
 """
 
 

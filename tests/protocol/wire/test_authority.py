@@ -108,7 +108,7 @@ def test_a_missing_library_is_one_line_that_says_how_to_get_it(tmp_path: Path) -
         "sys.exit(main(sys.argv[1:]))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, "certificates", str(tmp_path / "new")],
+        [sys.executable, "-c", code, "host", "certificates", str(tmp_path / "new")],
         capture_output=True,
         text=True,
         check=False,

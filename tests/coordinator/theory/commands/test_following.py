@@ -46,7 +46,7 @@ def test_algae_beside_its_cubes(
 ) -> None:
     """The rounds asked for stand first; the planner has 66, the class 114 cubes; all is proved."""
     given, output = AGV / "cgshop2021-algae.json", tmp_path / "follow.jsonl"
-    code, found, _ = answered(capsys, "shorten", given, "--following", rule, "-o", output)
+    code, found, _ = answered(capsys, "improve", given, "--following", rule, "-o", output)
     assert (code, found["cubes"], found["planner_rounds"]) == (0, 114, 66)
     assert list(found)[:5] == ["following", "rounds", "makespan", "rotations", "chain"]
     assert [found[key] for key in list(found)[:4]] == [rule, rounds, rounds, 0]
@@ -57,7 +57,7 @@ def test_algae_beside_its_cubes(
 def test_a_rotation(capsys: pytest.CaptureFixture[str], ring: Path, tmp_path: Path) -> None:
     """It has no cubes, one round, and a timetable that is proved."""
     output = tmp_path / "ring.jsonl"
-    code, found, _ = answered(capsys, "shorten", ring, "--following", "mapf", "-o", output)
+    code, found, _ = answered(capsys, "improve", ring, "--following", "mapf", "-o", output)
     assert (code, found["cubes"], found["reduced_moves"]) == (0, None, 4)
     assert (found["rounds"], found["rotations"]) == (1, 1)
     assert answered(capsys, "verify", output, "--of", ring)[0] == 0
@@ -94,7 +94,7 @@ def test_unequal_times_write_when_moves_begin_and_end(
 ) -> None:
     """Exact fractions, as in other timetables."""
     output = tmp_path / "ring.jsonl"
-    options = ["--following", "mapf", "--duration", "edge=1.5", "-o", output]
+    options = ["--following", "mapf", "--durations", "edge=1.5", "-o", output]
     code, found, _ = answered(capsys, "shorten", ring, *options)
     assert (code, found["makespan"], found["rounds"]) == (0, "3/2", None)
     assert '"start":0,"end":"3/2"' in output.read_text()
@@ -152,7 +152,7 @@ def test_an_unsolved_plan_is_told(capsys: pytest.CaptureFixture[str], tmp_path: 
     path = tmp_path / "ring.json"
     goals = [[1, 0], [1, 1], [0, 1], [2, 0]]
     path.write_text(json.dumps({**RING, "goals": goals, "grid": [3, 2]}))
-    code, found, error = answered(capsys, "shorten", path, "--following", "mapf")
+    code, found, error = answered(capsys, "improve", path, "--following", "mapf")
     assert (code, found["rounds"]) == (1, 1)
     assert "the plan does not solve its instance: 1 of 4 vehicles ends off the goals" in error
 
@@ -178,9 +178,7 @@ def test_a_proof_is_written_and_verified(
     assert (code, found["optimal"], found["proof"]) == (0, True, str(proof))
     assert (found["improved"], found["lower_bound"], found["agreed"]) == (4, 4, None)
     cnf, drat = tmp_path / "a.cnf", tmp_path / "a.drat"
-    code, checked, _ = answered(
-        capsys, "verify", proof, "--of", given, "--cnf", cnf, "--drat", drat
-    )
+    code, checked, _ = answered(capsys, "verify", proof, "--of", given, "-o", cnf, "-o", drat)
     assert (code, checked["ok"], checked["optimal"]) == (0, True, True)
     assert (checked["following"], checked["refuted"], checked["rounds"]) == ("cgshop", 3, 4)
     assert cnf.read_bytes().startswith(

@@ -1,4 +1,4 @@
-"""``shorten --prove``: what it says, writes and refuses, and how it is ended."""
+"""``improve --prove``: what it says, writes and refuses, and how it is ended."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ HEX = str(GOLDEN / "hex-5.mcap")
 GRID = str(ROOT / "tests" / "data" / "agv" / "grid8-12agents.json")
 ALGAE = str(ROOT / "tests" / "data" / "agv" / "cgshop2021-algae.json")
 Capture = pytest.CaptureFixture[str]
-PROVE = ("--prove", "60", "--effort", "1")
+PROVE = ("--prove", "60", "--steps", "1")
 """Time for the proof alone: other stages are bounded by steps."""
-ENDLESS = ("--prove", "600", "--effort", "1", "--max-states", "9")
+ENDLESS = ("--prove", "600", "--steps", "1", "--max-states", "9")
 """The proof begins at once, and is not soon over."""
 
 
@@ -44,7 +44,7 @@ def stage(found: dict[str, Any], name: str = "proof") -> dict[str, Any]:
 @pytest.mark.slow
 def test_the_time_of_a_command_includes_its_search(capsys: Capture) -> None:
     """The seconds of the command are no fewer than those of its longest stage."""
-    found = document(capsys, "shorten", HEX, "--improve", "0.5", "--max-states", "9")
+    found = document(capsys, "improve", HEX, "--seconds", "0.5", "--max-states", "9")
     longest = max(each["seconds"] for each in found["spent"])
     assert found["seconds"] >= longest - 0.001
     assert longest > 0.05
@@ -123,7 +123,7 @@ def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
     """No others exist, so the clauses are about these."""
     moves = moves_of(tmp_path, "ab", "bc", "cd", "xy")
     proof = tmp_path / "a.proof"
-    found = document(capsys, "shorten", moves, "--prove", "60", "--proof", str(proof))
+    found = document(capsys, "improve", moves, "--prove", "60", "--proof", str(proof))
     assert (found["cubes"], found["improved"], found["lower_bound"]) == (3, 3, 3)
     assert (found["proved_by"], found["proof"]) == ("exhaustive search", str(proof))
     assert check(proof.read_bytes())[:3] == (2, 3, True)
@@ -162,7 +162,7 @@ def test_too_many_listed_moves_are_told(
     """They are not looked at one by one."""
     monkeypatch.setattr(stages, "_LISTED_MAX", 2)
     moves = moves_of(tmp_path, "ab", "bc", "cd")
-    found = document(capsys, "shorten", moves, *PROVE, "--proof", str(tmp_path / "a.proof"))
+    found = document(capsys, "improve", moves, *PROVE, "--proof", str(tmp_path / "a.proof"))
     assert stage(found)["ended"] == "limit"
     assert stage(found)["why"] == "clauses for 3 moves, 2 at most"
 

@@ -47,7 +47,7 @@ def test_films_of_the_run_and_of_its_schedule(
     for options, count in (
         ([], found["rounds"]),
         (["--what", "run"], found["rounds"]),
-        (["--what", "schedule", "--fps", "10"], found["cubes"]),
+        (["--what", "schedule", "--rate", "10"], found["cubes"]),
     ):
         assert main(["view", str(log), "-o", str(film), *options]) == 0
         assert frames(film) == 1 + count
@@ -76,7 +76,7 @@ def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixt
             "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif, .html",
         ),
         ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif, .html"),
-        ("a.png", ["--fps", "5"], "a.png: a picture, expected --fps with a film (.gif) alone"),
+        ("a.png", ["--rate", "5"], "a.png: a picture, expected --rate with a film (.gif) alone"),
         ("a.png", ["--what", "both"], "a.png: a picture, expected --what both with a film (.gif)"),
         ("a.gif", ["--rounds", "5"], "a.gif: a film, expected --rounds with a picture alone"),
         ("a.gif", ["--parts", "both"], "a.gif: a film, expected --parts with a picture alone"),

@@ -399,8 +399,8 @@ def test_the_command_tells_the_address_and_ends_a_paused_run(tmp_path: Path) -> 
 def test_commands_refuse_what_does_not_fit(capsys: pytest.CaptureFixture[str]) -> None:
     """In a line each."""
     for arguments, told in (
-        (["run", SPEC, "--paused"], "paused: expected --live"),
-        (["run", SPEC, "--rate", "2"], "rate: expected --live"),
+        (["run", SPEC, "--paused"], "--paused: expected --live"),
+        (["run", SPEC, "--rate", "2"], "--rate: expected --live"),
         (["run", SPEC, "--live", "--rate", "2", "--clock", "free"], "can be watched, not paced"),
         (["run", SPEC, "--live", "70000"], "expected a port up to 65535"),
         (["view"], "required: INPUT, or --connect"),

@@ -352,7 +352,7 @@ def test_the_command_writes_snapshots_on_a_signal_and_leaves_in_time(tmp_path: P
     with (
         start("hex:n=4", processes=1, log=tmp_path / "in.mcap") as run,
         command(
-            *("--connect", run.endpoint, "-o", str(log), "--snapshot", "60", "--duration", "2")
+            *("--connect", run.endpoint, "-o", str(log), "--snapshot", "60", "--timeout", "2")
         ) as child,
     ):
         run.step(2)
@@ -430,13 +430,13 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
         ("--connect tcp/127.0.0.1:1 --patience 0.1", "no zenoh router at tcp/127.0.0.1:1"),
         ("--connect tls/127.0.0.1:1", "expected a folder of certificates (--secure DIR)"),
         (
-            "--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1",
+            "--connect tcp/127.0.0.1:1 --snapshot 5 --size 1",
             "--snapshot: each snapshot is one file",
         ),
         ("--connect tcp/127.0.0.1:1 --topics=", "found an empty glob"),
         ("--connect tcp/127.0.0.1:1 --topics redy", "no kind of messages matches (did you mean"),
         ("--connect tcp/127.0.0.1:1 --exclude nix/*", "topics nix/*: no kind of messages matches"),
-        ("--connect tcp/127.0.0.1:1 --split-size 0", "expected a number above 0"),
+        ("--connect tcp/127.0.0.1:1 --size 0", "expected a number above 0"),
         ("--connect tcp/127.0.0.1:1 -o here.mcap", "here.mcap: "),
         ("--connect tcp/127.0.0.1:1 -o out.png", "found the suffix .png"),
     ],

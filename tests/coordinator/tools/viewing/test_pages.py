@@ -112,7 +112,7 @@ def test_the_command_shows_two_recordings_side_by_side(
     assert main(["view", str(log), str(other), "-o", str(log.with_suffix(".png"))]) == 2
     assert "shows one run, expected a page (.html) for two" in capsys.readouterr().err
     assert main(["view", str(log), "-o", str(page), "--rate", "5"]) == 2
-    assert "a page, expected --fps with a film (.gif) alone" in capsys.readouterr().err
+    assert "a page, expected --rate with a film (.gif) alone" in capsys.readouterr().err
     assert main(["view", str(log), "-o", str(page), "--dark"]) == 2
     assert "dark where its reader prefers that" in capsys.readouterr().err
 
