@@ -9,37 +9,11 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.verification.recording import recover, verify
-from processes.command_line import GOLDEN, refused
+from processes.command_line import GOLDEN
 from tampering.wrecks import taken_apart
 
 LOG = str(GOLDEN / "agv-6.mcap")
 Capture = pytest.CaptureFixture[str]
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        (["--what-if=random"], "--what-if: expected also --from, the first round of the rule"),
-        (["--modules=0"], "--modules: expected --what-if beside it"),
-        (["--rule=random"], "--rule: expected --what-if or --live beside it"),
-        (["--processes=0"], "--processes: expected --what-if or --live beside it"),
-        (["--live=all", "--what-if=random", "--from=1"], "--what-if, --live: expected one of them"),
-        (["--live=all", "--rate=2"], "--rate: not with --live"),
-        (["--live=0", "--seed=2"], "--seed: expected --what-if beside it"),
-        (["--live=x"], "expected numbers as 0-7,9"),
-        (["--live=0,99"], "modules=99: no such module"),
-        (["--what-if=random", "--from=0"], "--from 0: expected a round from 1 on, with --what-if"),
-        (["--what-if=random", "--from=2s"], "--from 2s: expected a round from 1 on"),
-        (["--live=all", "--from=2"], "--from: not with --live"),
-        (["--what-if=random", "--from=22"], "has 20 whole rounds, expected 1 to 21"),
-        (["--what-if=rando", "--from=2"], "unknown rule 'rando' (did you mean 'random'?)"),
-        (["--what-if=tswap", "--from=2"], "not for this system: rule 'tswap'"),
-        (["--live=0", "-o", LOG], "is an input, expected another file to write"),
-    ],
-)
-def test_what_does_not_fit_is_one_line(options: list[str], why: str) -> None:
-    """With exit code 2, before anything is started."""
-    assert why in refused("replay", LOG, *options)
 
 
 def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> None:

@@ -60,26 +60,6 @@ def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     assert lines[7].startswith("  uses the clock (time.time_ns in clock.py:11): module_")
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["nonesuch"], "unknown rule 'nonesuch', expected one of random, chain"),
-        (["random", "nonesuch"], "unknown system 'nonesuch'"),
-        (["word", "agv"], "agv: not for this system: rule 'word'"),
-        (["nowhere.py:RULE"], "nowhere.py: no such file"),
-        ([], "the following arguments are required: RULE"),
-        (["random", "--seed", "-1"], "expected a whole number of at least 0, found '-1'"),
-    ],
-)
-def test_bad_input_is_one_line(
-    arguments: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With what was found and what was expected; exit code 2."""
-    monkeypatch.chdir(tmp_path)
-    assert why in refused("rule", "check", *arguments)
-
-
 @pytest.mark.thorough
 def test_a_rule_is_played_without_rounds() -> None:
     """By --clock free, which the answer names."""

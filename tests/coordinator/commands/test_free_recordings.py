@@ -171,25 +171,6 @@ def test_recordings_of_other_scenes_differ_by_their_starts(
     assert "not same: the starts differ: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["a.mcap", "--same"], "--same: found 1 path, expected two"),
-        (["a", "b", "c", "--homotopic"], "--homotopic: found 3 paths, expected two"),
-        (["a", "b", "--same", "--recover", "c.mcap"], "expected no --recover"),
-        (["missing.mcap", "b", "--same"], "missing.mcap"),
-    ],
-)
-def test_bad_comparisons_are_refused_in_one_line(
-    arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With exit code 2, before anything is read."""
-    assert main(["verify", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert why in error
-    assert error.count("\n") == 1
-
-
 def test_verify_answers_with_the_checks_of_its_clock(capsys: pytest.CaptureFixture[str]) -> None:
     """Levels in place of rounds, for people and machines."""
     path = the_recording().path

@@ -42,7 +42,10 @@ MINE = RuleType(
 NAMED = "canary.py:MINE"
 SPEC = 'systems = "hex:n=3"\nrules = "canary.py:MINE"\nseeds = 1\nmax_rounds = 2\n'
 BY_HAND = [
-    "run --from 0.mcap --rule canary.py:MINE --round 2 --processes 0 --max-rounds 3 --log branch.mcap",
+    (
+        "run --from 0.mcap --rule canary.py:MINE --round 2 --processes 0 --max-rounds 3 --log"
+        " branch.mcap"
+    ),
     "run --schedule 0.mcap --repair --rule canary.py:MINE --processes 0 --log repaired.mcap",
     "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --core simulated --jobs 1 --log -o swept",
     "run named.toml --rule random --processes 0 --max-rounds 4 --log named.mcap",
@@ -266,4 +269,4 @@ def test_only_what_can_be_required_is_taken() -> None:
     """A check by its name, of a recording."""
     log = str(GOLDEN / "hex-5.mcap")
     assert "--require choses: no such check" in refused("verify", log, "--require", "choses")
-    assert "expected recordings" in refused("diff", log, log, "--same", "--require", "choices")
+    assert "unknown option --require" in refused("diff", log, log, "--same", "--require", "choices")

@@ -16,7 +16,7 @@ import pytest
 from cubepath.agents import RuleType, play
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol import Family
-from processes.command_line import PYTHON, refused
+from processes.command_line import PYTHON
 
 
 @pytest.fixture(autouse=True)
@@ -69,46 +69,6 @@ def test_the_files_are_told(capsys: pytest.CaptureFixture[str]) -> None:
         "folder": "there",
         "files": ["README.md", "mine.py", "pyproject.toml", "tests/test_mine.py"],
     }
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "why"),
-    [
-        (
-            "rule",
-            "my-rule",
-            "'my-rule': expected an identifier of Python as a name, such as my_rule",
-        ),
-        ("system", "2d", "'2d': expected an identifier of Python as a name, such as my_system"),
-        ("rule", "_mine", "'_mine': expected an identifier"),
-        ("rule", "mine_", "'mine_': expected an identifier"),
-        ("rule", "été", "'été': expected an identifier"),
-        ("rule", "class", "'class' is a keyword of Python, expected another name"),
-        ("rule", "../away", "'../away': expected an identifier"),
-        ("rule", "tswap", "rule 'tswap' exists already, expected another name"),
-        ("system", "hex", "system 'hex' exists already, expected another name"),
-        ("rule", "json", "'json' is a module of Python already, expected another name"),
-        ("system", "numpy", "'numpy' is a module of Python already, expected another name"),
-        ("robot", "mine", "unknown value 'robot'"),
-    ],
-)
-def test_what_can_be_no_name_is_refused(kind: str, name: str, why: str, tmp_path: Path) -> None:
-    """In one line, and nothing is written."""
-    assert why in refused(kind, "new", name)
-    assert not list(tmp_path.iterdir())
-
-
-def test_nothing_that_exists_is_touched(tmp_path: Path) -> None:
-    """A folder, a file or a link that leads nowhere."""
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").touch()
-    (tmp_path / "link").symlink_to("nowhere")
-    before = sorted(tmp_path.rglob("*"))
-    for name in ("folder", "file", "link"):
-        expected = f"cubepath: {name}: exists already, expected a new folder"
-        assert refused("rule", "new", "mine", "-o", name) == expected
-    assert "file/mine: " in refused("rule", "new", "mine", "-o", "file/mine")
-    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_nothing_half_written_is_left(

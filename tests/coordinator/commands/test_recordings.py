@@ -96,26 +96,6 @@ def test_the_exit_code_is_that_of_the_worst(folder: Path, capsys: Capture) -> No
     answered(capsys, "verify", "cut.mcap", "bad.mcap", code=2)
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("log recover runs/a.mcap runs/b.mcap -o o.mcap", "--recover: found 2 recordings"),
-        ("log recover runs -o o.mcap", "runs: a folder, expected a file"),
-        ("verify a.json b.json --of moves.jsonl", "--of: found 2 files to check, expected one"),
-        ("verify runs cubes.jsonl", "cubes.jsonl: is checked against its input, expected --of"),
-        ("log info - -", "standard input: named twice"),
-    ],
-)
-def test_what_is_for_one_file_is_refused_for_several(
-    line: str, message: str, folder: Path, capsys: Capture
-) -> None:
-    """In one line, before anything is read."""
-    assert main(line.split()) == 2
-    told = capsys.readouterr()
-    assert told.err.startswith(f"cubepath: {message}")
-    assert (told.out, told.err.count("\n")) == ("", 1)
-
-
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_the_number_of_files(folder: Path) -> None:
     """Fifteen recordings take what three take, but for what waits to be collected."""

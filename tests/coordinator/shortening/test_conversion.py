@@ -82,43 +82,6 @@ def test_a_scenario_becomes_a_moves_file(
     assert encode(shorten(target).named) == encode(shorten(source).named)
 
 
-@pytest.mark.parametrize(
-    ("source", "target", "reason"),
-    [
-        ("crossing.jsonl", "crossing.jsonl", "is an input"),
-        ("missing.jsonl", "m.npz", "No such file"),
-        ("crossing.jsonl", "m.npz", "without a system"),
-        ("cubes.npz", "more.npz", "holds cubes already"),
-        ("crossing.jsonl", "no/m.npz", "there is no folder"),
-    ],
-)
-def test_what_cannot_be_converted_is_refused(  # noqa: PLR0917 - fixtures and a case
-    crossing: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    source: str,
-    target: str,
-    reason: str,
-) -> None:
-    """In one line, with exit code 2 and nothing written."""
-    cubes = str(tmp_path / "cubes.npz")
-    assert main(["shorten", str(crossing), "--system", CROSSING, "-o", cubes]) == 0
-    capsys.readouterr()
-    before = sorted(tmp_path.iterdir())
-    assert main(["shorten", str(tmp_path / source), "--convert", "-o", str(tmp_path / target)]) == 2
-    complaint = capsys.readouterr().err.strip()
-    assert reason in complaint
-    assert "\n" not in complaint
-    assert sorted(tmp_path.iterdir()) == before
-
-
-def test_improved_cubes_are_not_written_in_binary(crossing: Path, tmp_path: Path) -> None:
-    """They are not made of the moves of the input."""
-    cubes = str(tmp_path / "cubes.npz")
-    options = ["--system", CROSSING, "-o", cubes, "--seconds", "0"]
-    assert main(["shorten", str(crossing), *options]) == 2
-
-
 def test_a_bad_move_is_named_by_the_reader_of_lines(tmp_path: Path) -> None:
     """Compiled, the path is found not to fit; which line and why, the reader of lines says."""
     path = tmp_path / "m.jsonl"

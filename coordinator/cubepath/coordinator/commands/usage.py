@@ -56,13 +56,13 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             what = "command" if action.dest is argparse.SUPPRESS else "value"
             names = list(map(str, action.choices))
-            where = f"argument {'/'.join(action.option_strings)}: " if action.option_strings else ""
+            where = f"{'/'.join(action.option_strings)}: " if action.option_strings else ""
             message = f"{where}unknown {what} {value!r}{did_you_mean(str(value), names)}"
             self.error(f"{message}, expected one of {', '.join(names)}")
 
     def error(self, message: str) -> NoReturn:
         """Write the error in one line, and exit with code 2."""
-        line = " ".join(message.split())
+        line = " ".join(message.split()).removeprefix("argument ")
         complain(f"{line}; see '{self.prog} --help'")
         self.exit(BAD_INPUT)
 

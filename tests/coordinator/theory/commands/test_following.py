@@ -101,34 +101,6 @@ def test_unequal_times_write_when_moves_begin_and_end(
     assert answered(capsys, "verify", output, "--of", ring)[1]["makespan"] == "3/2"
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--following", "cgshop"], "round 1: vehicles 0, 3, 2 and 1 rotate at [0, 0]"),
-        (["--following", "mapf", "--improve", "1"], "--improve is for cubes"),
-        (["--following", "mapf", "--improve", "0"], "--improve is for cubes"),
-        (["--following", "mapf", "--bounds"], "--bounds is for cubes"),
-        (["--following", "mapf", "--max-states", "9"], "--max-states is for cubes"),
-        (["--following", "mapf", "--prove", "1", "--duration", "edge=2"], "--prove counts rounds"),
-        (["--following", "mapf", "--proof", "a.proof"], "--proof: says where to write"),
-        (["--following", "mapf", "--prove", "1", "--proof", "a.json"], "expected one of .proof"),
-        (["--following", "mapf", "--certificate", "a.json"], "--certificate is for cubes"),
-        (["--following", "mapf", "-o", "a.npz"], "expected one of .jsonl"),
-        (["--following", "mapf", "--with", "a.json"], "expected no --with"),
-        (["--following", "mapf", "--system", "hex:n=5"], "expected no --system"),
-        (["--following", "mapf", "--duration", "swim=2"], "'swim' is no generator"),
-    ],
-)
-def test_what_does_not_fit_is_refused(
-    capsys: pytest.CaptureFixture[str], ring: Path, options: list[str], said: str
-) -> None:
-    """One line, exit code 2."""
-    code, _, error = answered(capsys, "shorten", ring, *options)
-    assert code == 2
-    assert said in error
-    assert error.count("\n") == 1
-
-
 def test_no_other_command_takes_it_for_a_path(
     capsys: pytest.CaptureFixture[str], ring: Path, tmp_path: Path
 ) -> None:

@@ -164,14 +164,3 @@ def test_clauses_of_a_changed_proof(
     code, out, _ = run(capsys, bad, "-o", cnf)
     assert (code, out[:8]) == (1, "FAILED  ")
     assert not cnf.exists()
-
-
-def test_wrong_use(written: Path) -> None:
-    """Options that do not fit are refused before anything is checked."""
-    for command in ("shorten", "view"):
-        said = refused(command, str(written), "-o", "a.jsonl" if command == "shorten" else "a.png")
-        assert said.startswith(f"cubepath: {written}: a proof of optimality, expected a path; ")
-    assert "expected one proof" in refused("verify", str(written), str(written))
-    assert "expected one" in refused("verify", "logs/golden/hex-5.mcap", "-o", "a.cnf")
-    assert "--of INPUT" in refused("verify", str(written), "--system", "hex:n=3")
-    assert "no --cubes" in refused("verify", str(written), "--cubes", "cubes.jsonl")

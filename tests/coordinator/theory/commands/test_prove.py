@@ -167,52 +167,6 @@ def test_too_many_listed_moves_are_told(
     assert stage(found)["why"] == "clauses for 3 moves, 2 at most"
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            "--proof a.proof",
-            "--proof: says where to write what --prove SECONDS has proved, which is missing",
-        ),
-        ("--prove 1 --proof a.json", "a.json: found the suffix .json, expected one of .proof"),
-        ("--prove 1 --proof no/a.proof", "no/a.proof: there is no folder no, expected one"),
-        ("--prove 1 --proof folder.proof", "folder.proof: a folder, expected a file to write"),
-        ("--prove 1 --proof run.proof", "run.proof: is a recording, which is kept: expected"),
-        ("--prove 1 --proof moves.proof", "moves.proof: is an input, expected another file"),
-        ("--prove 1 --proof -", "standard output: takes moves and cubes alone, expected a file"),
-        ("--prove 1 --proof a.proof -o a.proof", "a.proof: is to be written twice, expected two"),
-        ("--prove 1 --certificate a.json", "--certificate is for the homotopy class of the input,"),
-        ("--prove 1 -o a.npz", "a.npz: holds moves of the input alone, expected a .jsonl file"),
-    ],
-)
-def test_options_are_looked_at_before_the_work(
-    options: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    """One line, exit code 2, and nothing is written."""
-    monkeypatch.chdir(tmp_path)
-    moves_of(tmp_path, "ab", "bc")
-    (tmp_path / "folder.proof").mkdir()
-    (tmp_path / "run.proof").write_bytes(Path(HEX).read_bytes())
-    (tmp_path / "moves.proof").symlink_to("moves.jsonl")
-    before = sorted(tmp_path.iterdir())
-    assert main(["shorten", "moves.jsonl", *options.split()]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith(f"cubepath: {message}")
-    assert told.err.count("\n") == 1
-    assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "soon"])
-def test_seconds_are_a_number(seconds: str, capsys: Capture) -> None:
-    """Finite, and 0 or more."""
-    with pytest.raises(SystemExit) as stopped:
-        main(["improve", HEX, f"--prove={seconds}"])
-    assert stopped.value.code == 2
-    told = capsys.readouterr().err
-    assert f"--prove: expected a number of seconds, 0 or more, found '{seconds}'" in told
-
-
 @pytest.mark.slow
 def test_without_the_library_it_says_how_to_get_it(tmp_path: Path) -> None:
     """In one line, with exit code 2; other options need none."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
-from processes.command_line import GOLDEN, refused
+from processes.command_line import GOLDEN
 
 Capture = pytest.CaptureFixture[str]
 LOG = str(GOLDEN / "agv-3.mcap")
@@ -65,48 +64,3 @@ def test_a_filter_says_how_much_it_took(capsys: Capture) -> None:
     assert told["whole_messages"] == "242"
     assert main(["verify", "some.mcap"]) == 0
     assert f"{len(kept)} of 242 messages (topics reports" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (("log", "filter", LOG, "-o", LOG), "is an input"),
-        (("log", "filter", LOG, "-o", "new.mcap", "--from", "5", "--until", "3"), "from 5 until 3"),
-        (("log", "filter", LOG, "-o", "new.mcap", "--topics", ""), "expected a pattern"),
-        (("log", "filter", LOG, "-o", "old.mcap"), "is a recording, which is kept"),
-        (("log", "filter", LOG, "-o", "new.txt"), "found the suffix .txt, expected one of .mcap"),
-        (
-            ("log", "filter", LOG, "-o", "new.mcap", "--topics", "reprt"),
-            "(did you mean 'reports'?)",
-        ),
-        (
-            ("log", "filter", LOG, "-o", "new.mcap", "--topics", "reports/process_7"),
-            "nothing on record matches",
-        ),
-        (("log", "split", LOG, "-o", "new", "--size", "0"), "expected a number above 0"),
-        (
-            ("log", "split", LOG, "-o", "new/one", "--size", "0.0001"),
-            "has no room for scene, parameters and message 0: ",
-        ),
-        (
-            ("log", "split", LOG, "-o", "new", "--parts", "1001"),
-            "has 242 messages, expected at most",
-        ),
-        (("log", "split", LOG, "-o", "new"), "--parts --rounds --seconds --size is required"),
-        (("log", "split", LOG, "-o", "old.mcap", "--parts", "2"), "not a folder"),
-        (("log", "merge", LOG, "old.mcap", "-o", "old.mcap"), "is an input"),
-        (("log", "merge", ".", "-o", "new.mcap"), ".: a folder, expected a file"),
-        (("log", "merge", LOG, "-o", "new"), "found no suffix, expected one of .mcap"),
-        (
-            ("log", "merge", LOG, str(GOLDEN / "hex-5.mcap"), "-o", "new.mcap"),
-            "another scene than in",
-        ),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_line(
-    folder: Path, arguments: tuple[str, ...], why: str
-) -> None:
-    """With exit code 2, and nothing is written."""
-    shutil.copy(LOG, "old.mcap")
-    assert why in refused(*arguments)
-    assert [path.name for path in folder.iterdir()] == ["old.mcap"]

@@ -11,7 +11,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
-from processes.command_line import GOLDEN, cubepath, refused
+from processes.command_line import GOLDEN, cubepath
 
 LOG = str(GOLDEN / "hex-5.mcap")
 
@@ -48,31 +48,3 @@ def test_a_file_has_the_form_of_its_name(
     assert len(out.read_text().splitlines()) == count
     assert main(["log", "export", LOG, "-o", str(tmp_path / "x.txt"), "--format", "csv"]) == 0
     assert capsys.readouterr().out == f"28 moves written to {tmp_path}/x.txt\n"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        ((LOG, "-o", "out.xls"), "found the suffix .xls"),
-        ((LOG, "--csv", "--json"), "standard output has the rows of --csv"),
-        ((LOG, "--csv", "--parquet"), "not allowed with"),
-        ((LOG, "--kinds", "claim"), "table moves has no topics and kinds, expected table messages"),
-        (
-            (LOG, "--table", "messages", "--topics", "reprt"),
-            "topics reprt: nothing on record",
-        ),
-        ((LOG, "-o", "a.mcap", "--topics", "reports", "--topics", "x/*"), "topics x/*: nothing on"),
-        ((LOG, "-o", "a.mcap", "--table", "claims"), "a.mcap: a file for viewers has no tables"),
-        ((LOG, "-o", "a.csv", "--round-seconds", "2"), "a.csv: csv has no time line and no space"),
-        ((LOG, "-o", "a.mcap", "--log-time", "wall", "--round-seconds", "2"), "a round of 2 s: "),
-        ((LOG, "-o", LOG), "is an input"),
-        ((LOG, "--table", "movs"), "did you mean 'moves'"),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_line(
-    arguments: tuple[str, ...], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With exit code 2, and nothing is written."""
-    monkeypatch.chdir(tmp_path)
-    assert why in refused("log", "export", *arguments)
-    assert not list(tmp_path.iterdir())

@@ -82,7 +82,7 @@ def _export(options: argparse.Namespace) -> int:
 
     out: Path = options.out
     foxglove = options.format == "foxglove"
-    form: str | None = "mcap" if foxglove else options.format
+    form: str | None = None if foxglove else options.format
     if out == STANDARD_OUTPUT and form is None:
         form = "json" if options.json else "csv"
     elif out == STANDARD_OUTPUT and options.json:
