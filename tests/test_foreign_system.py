@@ -183,7 +183,7 @@ def test_its_optimum_is_proved_in_a_file(commands: Commands) -> None:
         "".join(f'{{"generator": "flip", "at": {place}}}\n' for place in (3, 4, 5))
     )
     options = ("--system=ring:n=6", "--prove=20", "--proof=far.proof")
-    found = commands.json("shorten", "far.jsonl", *options)
+    found = commands.json("improve", "far.jsonl", *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (3, 3, True)
     check = ("verify", "far.proof", "--of", "far.jsonl", "--system=ring:n=6")
     checked = commands.json(*check)
@@ -196,7 +196,7 @@ def test_its_own_bound_and_argument_are_used(commands: Commands) -> None:
         '{"generator": "flip", "at": 23}\n{"generator": "flip", "at": 0}\n'
     )
     options = ("--system=ring:n=24", "--bounds", "--max-states=0")
-    shown = commands("shorten", "two.jsonl", *options)
+    shown = commands("improve", "two.jsonl", *options)
     assert "2 (neighbours take turns)" in shown
 
 

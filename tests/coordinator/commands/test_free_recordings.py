@@ -138,7 +138,7 @@ def compared(
     capsys: pytest.CaptureFixture[str], *arguments: object
 ) -> tuple[int, dict[str, object]]:
     """Return the exit code and the answer of a comparison."""
-    code = main(["verify", *map(str, arguments), "--json"])
+    code = main(["diff", *map(str, arguments), "--json"])
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return code, found
 

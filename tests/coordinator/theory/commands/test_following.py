@@ -95,7 +95,7 @@ def test_unequal_times_write_when_moves_begin_and_end(
     """Exact fractions, as in other timetables."""
     output = tmp_path / "ring.jsonl"
     options = ["--following", "mapf", "--durations", "edge=1.5", "-o", output]
-    code, found, _ = answered(capsys, "shorten", ring, *options)
+    code, found, _ = answered(capsys, "improve", ring, *options)
     assert (code, found["makespan"], found["rounds"]) == (0, "3/2", None)
     assert '"start":0,"end":"3/2"' in output.read_text()
     assert answered(capsys, "verify", output, "--of", ring)[1]["makespan"] == "3/2"
@@ -146,7 +146,7 @@ def test_a_proof_is_written_and_verified(
     given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
     given.write_text(json.dumps(CROSSING))
     options = ["--following", "cgshop", "--prove", "60", "--proof", proof]
-    code, found, _ = answered(capsys, "shorten", given, *options)
+    code, found, _ = answered(capsys, "improve", given, *options)
     assert (code, found["optimal"], found["proof"]) == (0, True, str(proof))
     assert (found["improved"], found["lower_bound"], found["agreed"]) == (4, 4, None)
     cnf, drat = tmp_path / "a.cnf", tmp_path / "a.drat"
@@ -191,7 +191,7 @@ def test_a_proof_is_of_its_input(
     given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
     given.write_text(json.dumps(CROSSING))
     options = ["--following", "mapf", "--prove", "60", "--proof", str(proof)]
-    assert main(["shorten", str(given), *options]) == 0
+    assert main(["improve", str(given), *options]) == 0
     given.write_text(json.dumps(CROSSING | changes))
     capsys.readouterr()
     code, _, error = answered(capsys, "verify", proof, "--of", given)

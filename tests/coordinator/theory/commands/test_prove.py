@@ -55,7 +55,7 @@ def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> N
     """The schedule comes out like any other, and the proof beside it."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "path.proof"
     options = (*PROVE, "--max-states", "9", "--proof", str(proof), "-o", str(cubes))
-    found = document(capsys, "shorten", HEX, *options)
+    found = document(capsys, "improve", HEX, *options)
     keys = ("improved", "lower_bound", "optimal", "proved_by", "agreed", "proof")
     assert [found[key] for key in keys] == [13, 13, True, "SAT solver", None, str(proof)]
     assert stage(found)["ended"] == "done"
@@ -69,7 +69,7 @@ def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> N
 def test_all_seeds_find_the_same_numbers(seed: str, capsys: Capture) -> None:
     """The optimum is one, whatever the path."""
     options = (*PROVE, "--seed", seed, "--max-states", "9")
-    found = document(capsys, "shorten", HEX, *options)
+    found = document(capsys, "improve", HEX, *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (13, 13, True)
 
 
@@ -78,7 +78,7 @@ def test_vehicles_with_goals_of_their_own_keep_them(tmp_path: Path, capsys: Capt
     """The clauses know labels, the schedule that is written does not."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "grid.proof"
     options = (*PROVE, "--proof", str(proof), "-o", str(cubes))
-    found = document(capsys, "shorten", GRID, *options)
+    found = document(capsys, "improve", GRID, *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (11, 11, True)
     assert found["proof"] == str(proof)
     assert check(proof.read_bytes())[:3] == (10, 11, True)
@@ -133,7 +133,7 @@ def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
 def test_a_path_to_where_it_begins(moves: tuple[str, ...], tmp_path: Path, capsys: Capture) -> None:
     """Nothing is shorter than no cubes: there is no length to refute."""
     options = ("--prove", "60", "--proof", str(tmp_path / "a.proof"))
-    found = document(capsys, "shorten", moves_of(tmp_path, *moves), *options)
+    found = document(capsys, "improve", moves_of(tmp_path, *moves), *options)
     assert (found["cubes"], found["improved"], found["optimal"]) == (0, 0, True)
     assert found["proof"] is None
     assert stage(found)["why"] == "a path without cubes needs no proof"
@@ -142,7 +142,7 @@ def test_a_path_to_where_it_begins(moves: tuple[str, ...], tmp_path: Path, capsy
 def test_one_round(tmp_path: Path, capsys: Capture) -> None:
     """No path has no round where the ends differ: the windows say so."""
     options = ("--prove", "60", "--proof", str(tmp_path / "a.proof"))
-    found = document(capsys, "shorten", moves_of(tmp_path, "ab", "xy"), *options)
+    found = document(capsys, "improve", moves_of(tmp_path, "ab", "xy"), *options)
     assert (found["cubes"], found["improved"], found["optimal"]) == (1, 1, True)
     assert found["proof"] is not None
 
@@ -189,7 +189,7 @@ def test_an_interrupt_ends_it_as_the_time_does(tmp_path: Path) -> None:
     """With what is known by then; and no process and no file is left."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    line = [*PYTHON, "shorten", chain(tmp_path), *ENDLESS, "--json"]
+    line = [*PYTHON, "improve", chain(tmp_path), *ENDLESS, "--json"]
     where = os.environ | {"TMPDIR": str(temporary)}
     with subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=where
@@ -210,7 +210,7 @@ def test_solvers_end_with_the_command(by: signal.Signals, tmp_path: Path) -> Non
     """However that ends."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    line = [*PYTHON, "shorten", chain(tmp_path), *ENDLESS]
+    line = [*PYTHON, "improve", chain(tmp_path), *ENDLESS]
     where = os.environ | {"TMPDIR": str(temporary)}
     with subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=where
