@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 from cubepath.coordinator.commands.console import DONE, answer, complain
-from cubepath.coordinator.commands.run_options import add_secure
-from cubepath.coordinator.commands.usage import whole
+from cubepath.coordinator.commands.usage import add_fields, whole
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.formatting import visible
 
 _LOOK_S = 0.5
@@ -20,7 +20,7 @@ def add_host_router(router: argparse.ArgumentParser) -> None:
     router.add_argument(
         "--listen", required=True, metavar="ENDPOINT", help="tcp/HOST:PORT or tls/HOST:PORT"
     )
-    add_secure(router)
+    add_fields(router, RunOptions, "secure")
 
 
 def _router(options: argparse.Namespace) -> int:

@@ -8,9 +8,10 @@ import re
 import sys
 
 from cubepath.coordinator.commands.console import DONE, answer, complain, table
-from cubepath.coordinator.commands.run_options import add_patience, add_secure, run_id
-from cubepath.coordinator.commands.usage import module_numbers
+from cubepath.coordinator.commands.usage import add_fields, module_numbers
+from cubepath.coordinator.runs.options import RunOptions
 
+_RUN = re.compile(r"[0-9a-f]{12}")
 _NAME = re.compile(r"process_(0|[1-9]\d{0,8})", re.ASCII)
 
 
@@ -30,8 +31,8 @@ def add_join(join: argparse.ArgumentParser) -> None:
         metavar="0-7,9",
         help="the numbers of the modules that this process has",
     )
-    join.add_argument("--run", type=run_id, metavar="RUN", help="which run, if several wait")
-    add_secure(join)
+    join.add_argument("--run", type=_run_id, metavar="RUN", help="which run, if several wait")
+    add_fields(join, RunOptions, "secure", "patience")
     join.add_argument(
         "--as",
         type=_process_name,
@@ -44,7 +45,12 @@ def add_join(join: argparse.ArgumentParser) -> None:
         metavar="FILE.py:NAME",
         help="the file to use if the run's rule is in a file; no other file runs",
     )
-    add_patience(join, "give up when nothing is heard of the run for this long (default 60)")
+
+
+def _run_id(text: str) -> str:
+    if not _RUN.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"expected the twelve digits of a run, found {text!r}")
+    return text
 
 
 def _process_name(text: str) -> str:

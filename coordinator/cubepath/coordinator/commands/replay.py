@@ -14,8 +14,14 @@ from cubepath.coordinator.commands.files import Output, check_files, input_path,
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.run import watched_rounds, with_damage
-from cubepath.coordinator.commands.run_options import add_network_options, add_patience, given
-from cubepath.coordinator.commands.usage import module_numbers, more_options, number, whole
+from cubepath.coordinator.commands.usage import (
+    add_fields,
+    given,
+    module_numbers,
+    more_options,
+    number,
+)
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 
@@ -92,6 +98,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
         help="with --modules: record the new run here (default: nowhere)",
     )
     _add_more(more_options(replay))
+    _add_live(replay.add_argument_group("more options, with --modules"))
 
 
 def _add_more(more: Any) -> None:
@@ -119,22 +126,11 @@ def _add_more(more: Any) -> None:
         help="wait until another session subscribes to a part of the run, for S seconds at most"
         f" (default {_WAIT_S:g})",
     )
-    more.add_argument(
-        "--rule",
-        help="with --modules: their rule, a name or FILE.py:NAME (default: the one on record)",
-    )
-    more.add_argument(
-        "--processes",
-        type=whole(0),
-        metavar="N",
-        help="with --modules: processes to spread them over; 0 keeps them all here (default 4)",
-    )
-    add_network_options(
-        more,
-        "with --modules: wait until N processes have joined; modules that they leave follow the"
-        " rule",
-    )
-    add_patience(more, "give up when a phase makes no progress for this long (default 60)")
+
+
+def _add_live(live: Any) -> None:
+    live.add_argument("--rule", help="a name or FILE.py:NAME (default: the one on record)")
+    add_fields(live, RunOptions, "processes", "connect", "secure", "wait_for", "patience")
 
 
 def _modules(text: str) -> tuple[int, ...] | str:

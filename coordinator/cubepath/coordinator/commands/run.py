@@ -25,24 +25,23 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.run_options import (
-    add_network_options,
-    add_patience,
+from cubepath.coordinator.commands.usage import (
+    add_fields,
     given,
+    module_numbers,
+    more_options,
+    whole,
 )
-from cubepath.coordinator.commands.usage import module_numbers, more_options, number, whole
 from cubepath.coordinator.plugins import plugin
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
+from cubepath.protocol.core.options import option_fields
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 _CONTINUED = ("modules", "seed", "max_rounds", "processes", "patience", "log")
 """The options of a run that goes on from a round, apart from its rules."""
-_PLAN = (
-    *("system", "seed", "hesitate", "processes", "max_rounds", "log", "schedule", "repair"),
-    *("patience", "listen", "connect", "secure", "wait_for", "clock", "keepers", "speeds"),
-    *("jitter", "on_crash", "log_time"),
-)
+_PLAN = ("system", "speeds", *(name for name in option_fields(RunOptions) if name != "resume"))
 """The options that are fields of a plan, apart from its rule."""
 
 
@@ -58,32 +57,9 @@ def add_run(run: argparse.ArgumentParser) -> None:
         help="rule of the modules, a name or FILE.py:NAME (default: the one that reaches the goal);"
         " with --round given again for each file of a rule on record",
     )
-    run.add_argument("--seed", type=whole(0), help="seed of every random choice (default 0)")
-    run.add_argument(
-        "--clock",
-        choices=("lockstep", "free"),
-        help="in rounds, or without: every module acts when it is ready (default lockstep)",
-    )
-    run.add_argument(
-        "--processes",
-        type=whole(0),
-        metavar="N",
-        help="processes to spread the modules over; 0 keeps them all here (default 4)",
-    )
-    run.add_argument(
-        "--max-rounds",
-        type=whole(0),
-        metavar="N",
-        help="end after N rounds, or levels (default 1000; with a schedule one a cube, 1000 more to"
-        " repair); without rounds a few more may be done by then",
-    )
-    run.add_argument(
-        "--schedule",
-        type=input_path,
-        metavar="CUBES",
-        help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
-        " then be another scene than that of the recording",
-    )
+    files = {"schedule": input_path, "log": output_path}
+    names = ("seed", "clock", "processes", "max_rounds", "schedule", "log")
+    add_fields(run, RunOptions, *names, types=files)
     run.add_argument(
         "--from",
         dest="parent",
@@ -98,9 +74,6 @@ def add_run(run: argparse.ArgumentParser) -> None:
         metavar="N",
         help="with --from: the first round of the rule; before it modules choose as on record",
     )
-    run.add_argument(
-        "--log", type=output_path, help="recording to write (default: a new file in logs/)"
-    )
     more = more_options(run)
     plugin("add_live_options")(run, more)
     _add_more(more)
@@ -114,24 +87,7 @@ def _add_more(more: Any) -> None:
         help="with --round: the modules that follow the rule (default all); the others begin anew"
         " with the rule on record",
     )
-    more.add_argument(
-        "--repair",
-        action="store_const",
-        const=True,
-        help="where a cube of the schedule no longer applies, go on with the rule from there",
-    )
-    more.add_argument(
-        "--hesitate",
-        type=number("a number from 0 to less than 1", lambda p: 0 <= p < 1),
-        metavar="P",
-        help="each module skips a round with this probability (default 0)",
-    )
-    more.add_argument(
-        "--keepers",
-        type=whole(1),
-        metavar="N",
-        help="with the free clock: processes that keep the sites (default 4)",
-    )
+    add_fields(more, RunOptions, "repair", "hesitate", "keepers")
     more.add_argument(
         "--speed",
         type=_speed,
@@ -140,35 +96,8 @@ def _add_more(more: Any) -> None:
         metavar="MODULE=F",
         help="with the free clock: delay each action of MODULE by F * 10 ms (default: none)",
     )
-    more.add_argument(
-        "--jitter",
-        type=number("a number, 0 or more", lambda share: share >= 0),
-        metavar="J",
-        help="and by up to J times more, at random (default 0)",
-    )
-    more.add_argument(
-        "--on-crash",
-        choices=("stop", "continue", "restart"),
-        help="with the free clock: what to do when a process has died (default stop)",
-    )
-    more.add_argument(
-        "--log-time",
-        choices=("round", "level", "wall"),
-        help="the log time of messages in the recording: the round, or with the free clock the"
-        " level (default), or the wall clock",
-    )
-    more.add_argument(
-        "--listen",
-        metavar="ENDPOINT",
-        help="let others listen at tcp/HOST:PORT or tls/HOST:PORT, and join with"
-        " --wait-for (default: nobody else can)",
-    )
-    add_network_options(
-        more,
-        "wait until N processes have joined from elsewhere, each within --patience"
-        " of the last; --processes have what they leave",
-    )
-    add_patience(more, "give up when a phase makes no progress for this long (default 60)")
+    add_fields(more, RunOptions, "jitter", "on_crash", "log_time")
+    add_fields(more, RunOptions, "listen", "connect", "secure", "wait_for", "patience")
 
 
 def _speed(text: str) -> tuple[int, float]:

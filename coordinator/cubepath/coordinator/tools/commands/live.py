@@ -15,8 +15,8 @@ from cubepath.coordinator.commands.console import (
     complain,
     table,
 )
-from cubepath.coordinator.commands.run_options import add_secure
-from cubepath.coordinator.commands.usage import number, whole
+from cubepath.coordinator.commands.usage import add_fields, number, whole
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -93,7 +93,7 @@ def add_connect_options(view: argparse.ArgumentParser, more: Any) -> None:
     )
     _add_live(view, "with --connect: serve its page at this port")
     view.add_argument("--run", metavar="RUN", help="with --connect: which run, if several")
-    add_secure(more, "the certificate of guest in a folder, with --connect")
+    add_fields(more, RunOptions, "secure")
 
 
 def watch_elsewhere(options: argparse.Namespace) -> int:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
 from cubepath.coordinator.commands.files import Output, check_files, output_path
-from cubepath.coordinator.commands.run_options import add_secure
-from cubepath.coordinator.commands.usage import more_options, number
+from cubepath.coordinator.commands.usage import add_fields, more_options, number
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -79,7 +79,7 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
         metavar="MB",
         help="let at most MB megabytes wait to be written, or be kept (default 100)",
     )
-    add_secure(more, "the certificate of guest in a folder")
+    add_fields(more, RunOptions, "secure")
     more.add_argument(
         "--patience",
         type=_above_0,
