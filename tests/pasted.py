@@ -39,8 +39,8 @@ from cubepath.coordinator.commands.main import main
 from processes.command_line import GOLDEN, ROOT, in_shell
 
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
-ENDLESS = ("router", "join")
-"""Commands that wait for others."""
+ENDLESS = ("host", "join")
+"""Commands that may wait for others."""
 TIMES = (
     (r"\d+\.\d+ s\b", "0 s"),
     (r"\d{8}T\d{12}", "WHEN"),

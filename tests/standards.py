@@ -142,11 +142,11 @@ def computed(
         better = improve(
             actions, scene.start_state, scene.system, seconds=seconds, enough=bound.cubes
         )
-        cubes, searches = better.cube_path, "--improve"
+        cubes, searches = better.cube_path, "improve"
         if prove and bound.cubes < len(cubes):
             cubes, other = proved(scene, cubes, prove)
             bound = max(bound, other, key=lambda each: each.cubes)
-            searches += " and --prove"
+            searches += " and improve --prove"
         at_least = bound.cubes
         how = f"rule {rule.name}, then {searches}; bound: {bound.why}"
     moves = sum(map(len, cubes))

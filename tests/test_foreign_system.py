@@ -103,10 +103,12 @@ def moves(commands: Commands) -> str:
 @pytest.mark.thorough
 def test_it_is_listed(commands: Commands) -> None:
     """It stands among the systems, behind those of the project, and the rule that fits it fits."""
-    systems = json.loads(commands("systems", "--json"))
+    systems = json.loads(commands("system", "list", "--json"))
     assert systems[-1]["name"] == "ring"
     assert systems[-1]["keys"] == {"n": {"default": "6", "summary": "number of switches"}}
-    rules = {rule["name"]: rule["systems"] for rule in json.loads(commands("rules", "--json"))}
+    rules = {
+        rule["name"]: rule["systems"] for rule in json.loads(commands("rule", "list", "--json"))
+    }
     assert "ring" in rules["random"]
     assert not any("ring" in rules[name] for name in ("chain", "tswap", "pibt", "word"))
 
@@ -116,7 +118,7 @@ def test_the_recording_of_a_run_is_verified_replayed_and_drawn(commands: Command
     """Modules in processes of their own play it, and other code derives the same."""
     assert commands.json("verify", "ring.mcap")["ok"]
     assert commands.json("replay", "ring.mcap")["same"]
-    assert commands.json("info", "ring.mcap")["family"] == "ring"
+    assert commands.json("log", "info", "ring.mcap")["family"] == "ring"
     for picture in ("ring.png", "ring.gif"):
         commands("view", "ring.mcap", "-o", picture)
         assert (commands.folder / picture).stat().st_size > 1000
@@ -163,14 +165,14 @@ assert parallel_env("ring", render_mode="rgb_array").render().shape[2] == 3
 def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> None:
     """The schedule is certified, its own lower bound is the proof that none is shorter."""
     options = ("--system=ring:n=6", "-o", "cubes.jsonl", "--certificate=cubes.certificate.json")
-    found = commands.json("shorten", moves, *options, "--bounds", "--explain")
+    found = commands.json("improve", moves, *options, "--bounds", "--explain")
     assert (found["moves"], found["reduced_moves"], found["cubes"]) == (7, 3, 1)
     assert found["optimal"] is True
     check = ("verify", "cubes.jsonl", "--of", moves, "--system=ring:n=6")
     assert commands.json(*check)["ok"]
-    commands("convert", moves, "moves.npz", "--system=ring:n=6")
+    commands("shorten", moves, "--convert", "-o", "moves.npz", "--system=ring:n=6")
     assert commands.json("shorten", "moves.npz")["cubes"] == 1
-    recorded = commands.json("shorten", "ring.mcap", "--improve=0.5")
+    recorded = commands.json("improve", "ring.mcap", "--seconds=0.5")
     assert isinstance(recorded["improved"], int)
 
 
@@ -181,7 +183,7 @@ def test_its_optimum_is_proved_in_a_file(commands: Commands) -> None:
         "".join(f'{{"generator": "flip", "at": {place}}}\n' for place in (3, 4, 5))
     )
     options = ("--system=ring:n=6", "--prove=20", "--proof=far.proof")
-    found = commands.json("shorten", "far.jsonl", *options)
+    found = commands.json("improve", "far.jsonl", *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (3, 3, True)
     check = ("verify", "far.proof", "--of", "far.jsonl", "--system=ring:n=6")
     checked = commands.json(*check)
@@ -194,7 +196,7 @@ def test_its_own_bound_and_argument_are_used(commands: Commands) -> None:
         '{"generator": "flip", "at": 23}\n{"generator": "flip", "at": 0}\n'
     )
     options = ("--system=ring:n=24", "--bounds", "--max-states=0")
-    shown = commands("shorten", "two.jsonl", *options)
+    shown = commands("improve", "two.jsonl", *options)
     assert "2 (neighbours take turns)" in shown
 
 
@@ -231,7 +233,7 @@ def test_what_its_methods_raise_is_one_line(
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     lines = [json.dumps({"generator": "flip", "at": place}) for place in (0, 4, 1, 2)]
     (tmp_path / "moves.jsonl").write_text("\n".join(lines) + "\n")
-    shorten = ("shorten", "moves.jsonl", "--system=late:n=6", "--improve=5")
+    shorten = ("improve", "moves.jsonl", "--system=late:n=6", "--seconds=5")
     said = commands(*shorten, code=2)
     assert said.startswith(f"cubepath: {told}")
     assert said.count("\n") == 1
@@ -290,7 +292,7 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     for spec in ("hex:n=3", "ring:n=3"):
         assert commands.json("run", spec, "--processes=0", "--max-rounds=2")["rounds"] == 2
-    for arguments in (("systems",), ("run", "nothing")):
+    for arguments in (("system", "list"), ("run", "nothing")):
         said = commands(*arguments, code=2)
         assert "entry point broken of cubepath.systems (broken): ModuleNotFoundError" in said
     (tmp_path / "flawed.py").write_text(FLAWED)
@@ -302,9 +304,9 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
     ):
         entry = f"[cubepath.systems]\nbroken = flawed:{name}\n"
         (info / "entry_points.txt").write_text(entry)
-        assert flaw in commands("systems", code=2)
+        assert flaw in commands("system", "list", code=2)
         assert commands.json("run", "ring:n=3", "--processes=0", "--max-rounds=1")["rounds"] == 1
     (info / "entry_points.txt").write_text("[cubepath.systems]\nbroken = flawed:TAKEN\n")
-    assert "table [ring] of Ring is that of Taken" in commands("systems", code=2)
+    assert "table [ring] of Ring is that of Taken" in commands("system", "list", code=2)
     said = commands("run", "ring:n=3", code=2)
     assert "ring:n=3: its system is of Ring, whose table [ring] is read by Taken" in said

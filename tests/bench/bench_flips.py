@@ -3,7 +3,7 @@
 With cubepath installed: ``python tests/bench/bench_flips.py [--quick] [--seconds S]``.
 
 The first table is about pairs of triangulations of random points, both far from a sweep by random
-flips: what one greedy path takes, in cubes and seconds, what `--improve` makes of a detour over the
+flips: what one greedy path takes, in cubes and seconds, what `improve` makes of a detour over the
 sweep, the lower bound, the ratio of the two, and the greatest memory of the process so far. The
 second one is about listing flips: all that two fans, or two sweeps, can meet in some layers from
 either end, and the microseconds that each of them takes.

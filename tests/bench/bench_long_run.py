@@ -116,7 +116,7 @@ def main() -> None:
             f" {(last['coordinator'] - start) * 1024 / further:.0f} bytes a further reduced move in"
             f" the rounds, {(peak - start) * 1024 / further:.0f} with the results"
         )
-        took, most, shown = measured("info", str(log), "--json")
+        took, most, shown = measured("log", "info", str(log), "--json")
         document = json.loads(shown)
         parts = sum(document["parts"].values())
         print(

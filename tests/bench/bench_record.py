@@ -1,4 +1,4 @@
-"""What `cubepath record` keeps up with, against a subscriber that only counts, in the same run.
+"""What `cubepath log record` keeps up with, against a subscriber that only counts, in the same run.
 
     python tests/bench/bench_record.py [--quick]
 
@@ -63,7 +63,17 @@ def received(count: int, rate: float, *, recorded: bool) -> tuple[float, float]:
             at,
             *map(str, (count, rate, "block", SIZE)),
         ]
-        record = ["-m", "cubepath", "record", "--connect", at, "-o", f"{folder}/a.mcap", "--json"]
+        record = [
+            "-m",
+            "cubepath",
+            "log",
+            "record",
+            "--connect",
+            at,
+            "-o",
+            f"{folder}/a.mcap",
+            "--json",
+        ]
         receive = [sys.executable, *(record if recorded else ["-c", COUNTER, at, str(count)])]
         pipe = subprocess.PIPE
         with (

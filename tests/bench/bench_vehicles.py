@@ -8,7 +8,7 @@ has crowds of other sizes, by the same recipe with 100 moves a vehicle, and how 
 the conflict optimizer plans there, in processor time. The second has the rounds of the crowd, and
 of 160 vehicles of CG:SHOP 2021, after so many seconds of improvement, without the conflict
 optimizer and with it, and their lower bound.
-``--write FILE`` writes the crowd as a scenario, for `cubepath shorten FILE --improve 60`.
+``--write FILE`` writes the crowd as a scenario, for `cubepath improve FILE --seconds 60`.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def test_each_function_is_there(name: str) -> None:
 def test_the_module_of_a_command_adds_it(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Its help has the options of the command, and its line in the table."""
     with pytest.raises(SystemExit) as ended:
-        main([name, "--help"])
+        main([*name.split(), "--help"])
     assert ended.value.code == 0
     text = " ".join(capsys.readouterr().out.split())
     assert f"usage: cubepath {name}" in text

@@ -10,62 +10,75 @@ from importlib import import_module
 from typing import Any
 
 COMMANDS = {
-    "run": ("commands.runs", "run modules in processes, record them, shorten their path"),
-    "router": ("commands.runs", "route for runs on several hosts, until interrupted"),
-    "join": ("commands.runs", "join a run elsewhere, with some of its modules"),
-    "shorten": ("commands.shorten", "shorten a path to its normal cube path"),
-    "convert": ("commands.shorten", "write a path in another form: JSON Lines or .npz"),
+    "run": ("commands.run", "run modules in processes, record them, shorten their path"),
+    "join": ("commands.join", "join a run elsewhere, with some of its modules"),
+    "replay": ("commands.replay", "put a recording back on zenoh; gather and shorten it again"),
+    "shorten": (
+        "commands.shorten",
+        "shorten a path to its normal cube path, or write it in another form",
+    ),
+    "improve": (
+        "theory.commands.improve",
+        "search for a shorter schedule outside the homotopy class; bounds and proofs",
+    ),
     "verify": (
-        "commands.recordings",
+        "commands.verify",
         "check a recording, from the start state on; or a certificate or a proof",
     ),
-    "info": ("commands.recordings", "show what a recording contains"),
-    "replay": ("commands.replay", "put a recording back on zenoh; gather and shorten it again"),
-    "diff": ("tools.commands.diff", "show where two runs part, and why"),
-    "record": ("tools.commands.record", "record a live run from outside, and leave"),
-    "filter": ("tools.commands.cutting", "write some messages of a recording as a recording"),
-    "split": ("tools.commands.cutting", "split a recording into several"),
-    "merge": ("tools.commands.cutting", "put recordings of one run together"),
-    "export": (
-        "tools.commands.exporting",
-        "write a recording as a table, or for viewers as Foxglove and rerun",
+    "diff": (
+        "tools.commands.diff",
+        "show where two runs part, and why; or whether two paths are equal",
     ),
     "view": (
-        "tools.commands.pictures",
+        "tools.commands.view",
         "draw a run or another path: some states, and its schedule; or a scene",
     ),
-    "complex": ("theory.commands.complexes", "build a system's state complex and describe it"),
-    "paper": ("theory.commands.complexes", "compare the paper's claims with what is computed"),
+    "sweep": ("commands.sweep", "play many runs: systems by rules by seeds, and more"),
+    "report": ("commands.report", "tables, plots and a page on the runs of a sweep"),
     "simulate": (
         "commands.simulate",
         "simulate whole runs under random faults, each from its seed",
     ),
-    "sweep": ("commands.sweep", "play many runs: systems by rules by seeds, and more"),
-    "report": ("commands.report", "tables, plots and a page on the runs of a sweep"),
-    "certificates": ("commands.secure", "make an authority and certificates for secure runs"),
-    "check-rule": (
-        "commands.check_rule",
-        "check that a rule sees no further than its module, and no more",
+    "complex": ("theory.commands.complex", "build a system's state complex and describe it"),
+    "paper": ("theory.commands.paper", "compare the paper's claims with what is computed"),
+    "log info": ("commands.log", "show what a recording contains"),
+    "log record": ("tools.commands.record", "record a live run from outside, and leave"),
+    "log filter": ("tools.commands.cutting", "write some messages of a recording as a recording"),
+    "log split": ("tools.commands.cutting", "split a recording into several"),
+    "log merge": ("tools.commands.cutting", "put recordings of one run together"),
+    "log export": (
+        "tools.commands.exporting",
+        "write a recording as a table, or for viewers as Foxglove and rerun",
     ),
-    "new": ("commands.new", "begin a distribution with a rule or a system of your own"),
-    "systems": ("commands.listing", "list the systems with their keys and defaults"),
-    "rules": ("commands.listing", "list the rules and the systems that they are for"),
+    "log recover": ("commands.log", "write what can be read of a damaged recording as a recording"),
+    "rule list": ("commands.rule", "list the rules and the systems that they are for"),
+    "rule new": ("commands.new", "begin a distribution with a rule of your own"),
+    "rule check": (
+        "commands.rule",
+        "check that a rule uses only local information and is reproducible",
+    ),
+    "system list": ("commands.system", "list the systems with their keys and defaults"),
+    "system new": ("commands.new", "begin a distribution with a system of your own"),
+    "host router": ("commands.host", "route for runs on several hosts, until interrupted"),
+    "host certificates": ("commands.host", "make an authority and certificates for secure runs"),
 }
-"""Each command in the order of the help: the module whose `add_commands` adds it, and its line."""
+"""Each command in the order of the help: the module that adds its options, and its line."""
+
+GROUPS = {
+    "log": "recordings: show, record, cut, export and recover them",
+    "rule": "rules: list and check them, begin one of your own",
+    "system": "systems: list them, begin one of your own",
+    "host": "runs on several hosts: a router, certificates",
+}
+"""Each first word that several commands share, with its line."""
 
 _FUNCTIONS = {
-    "add_beyond_options": "theory.commands.search_options",
-    "add_following_options": "theory.commands.following",
     "add_live_options": "tools.commands.live",
     "add_proof_options": "theory.commands.optimality_proofs",
-    "beyond_rows": "theory.commands.search_options",
     "diff": "tools.comparison.comparing",
     "facts_of": "theory.scene_facts",
-    "improving": "theory.commands.search_options",
     "is_of_a_proof": "theory.commands.optimality_proofs",
-    "look_beyond": "theory.commands.search_options",
     "lower_bound": "theory.search.lower_bounds",
-    "shorten_following": "theory.commands.following",
     "state_space": "theory.complexes.state_spaces",
     "verify_following": "theory.commands.following",
     "verify_proof": "theory.commands.optimality_proofs",
@@ -82,9 +95,13 @@ def plugin(name: str) -> Any:
     return getattr(_module(_FUNCTIONS[name]), name)
 
 
-def add_commands_of(command: str) -> Any:
-    """Return the function that adds a command, with those of the same module."""
-    return _module(COMMANDS[command][0]).add_commands
+def add_options_of(command: str) -> Any:
+    """Return the function that gives a parser the options of a command.
+
+    >>> add_options_of("log info").__name__
+    'add_log_info'
+    """
+    return getattr(_module(COMMANDS[command][0]), f"add_{command.replace(' ', '_')}")
 
 
 def _module(name: str) -> Any:

@@ -76,7 +76,7 @@ def test_a_rule_of_another_distribution_runs_and_may_print(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
     """It is listed and run by name; what it prints does not get into the answer."""
-    listed = cubepath(["rules", "--json"], installed, tmp_path)
+    listed = cubepath(["rule", "list", "--json"], installed, tmp_path)
     assert "fine" in {rule["name"] for rule in json.loads(listed.stdout)}
     for processes in ("0", "2"):
         run = ["run", "hex:n=3", "--rule=fine", "--max-rounds=3", f"--processes={processes}"]
@@ -134,7 +134,7 @@ def test_a_broken_entry_point_hurts_only_who_asks_for_it(tmp_path: Path) -> None
     (info / "entry_points.txt").write_text("[cubepath.rules]\nbroken = no_such_module:RULE\n")
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     assert cubepath(["run", "hex:n=3", "--processes=0"], environment, tmp_path).returncode == 0
-    asked = cubepath(["rules"], environment, tmp_path)
+    asked = cubepath(["rule", "list"], environment, tmp_path)
     assert asked.returncode == 2
     assert "entry point broken of cubepath.rules (broken): ModuleNotFoundError" in asked.stderr
 

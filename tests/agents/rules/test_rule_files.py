@@ -99,7 +99,7 @@ def test_a_rule_that_cannot_tell_what_it_fits_leaves_the_others_usable(
     """The list of rules names it in one line, and messages on other rules leave it out."""
     broken = rule_in_file(f"{file}:BROKEN")
     monkeypatch.setitem(rules(), "broken", broken)
-    assert main(["rules"]) == 0
+    assert main(["rule", "list"]) == 0
     told = capsys.readouterr()
     assert "random: " in told.out
     (line,) = told.err.splitlines()
@@ -110,9 +110,9 @@ def test_a_rule_that_cannot_tell_what_it_fits_leaves_the_others_usable(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["run", "sweep", "simulate --system", "check-rule"])
+@pytest.mark.parametrize("command", ["run", "sweep", "simulate --system", "rule check"])
 def test_each_command_says_which_rule_cannot_tell_what_it_fits(file: Path, command: str) -> None:
     """In one line, with its file."""
     name = f"{file}:BROKEN"
-    rule = [name, "hex:n=3"] if command == "check-rule" else ["hex:n=3", "--rule", name]
+    rule = [name, "hex:n=3"] if command == "rule check" else ["hex:n=3", "--rule", name]
     assert f"rule 'broken' ({file}): its fits: Zero" in refused(*command.split(), *rule)

@@ -1,4 +1,4 @@
-"""`cubepath replay LOG --what-if RULE --from ROUND` and `--live MODULES` on the command line."""
+"""`cubepath run --from LOG --round N` and `cubepath replay LOG --modules MODULES`."""
 
 from __future__ import annotations
 
@@ -9,53 +9,27 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.verification.recording import recover, verify
-from processes.command_line import GOLDEN, refused
+from processes.command_line import GOLDEN
 from tampering.wrecks import taken_apart
 
 LOG = str(GOLDEN / "agv-6.mcap")
 Capture = pytest.CaptureFixture[str]
 
 
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        (["--what-if=random"], "--what-if: expected also --from, the first round of the rule"),
-        (["--modules=0"], "--modules: expected --what-if beside it"),
-        (["--rule=random"], "--rule: expected --what-if or --live beside it"),
-        (["--processes=0"], "--processes: expected --what-if or --live beside it"),
-        (["--live=all", "--what-if=random", "--from=1"], "--what-if, --live: expected one of them"),
-        (["--live=all", "--rate=2"], "--rate: not with --live"),
-        (["--live=0", "--seed=2"], "--seed: expected --what-if beside it"),
-        (["--live=x"], "expected numbers as 0-7,9"),
-        (["--live=0,99"], "modules=99: no such module"),
-        (["--what-if=random", "--from=0"], "--from 0: expected a round from 1 on, with --what-if"),
-        (["--what-if=random", "--from=2s"], "--from 2s: expected a round from 1 on"),
-        (["--live=all", "--from=2"], "--from: not with --live"),
-        (["--what-if=random", "--from=22"], "has 20 whole rounds, expected 1 to 21"),
-        (["--what-if=rando", "--from=2"], "unknown rule 'rando' (did you mean 'random'?)"),
-        (["--what-if=tswap", "--from=2"], "not for this system: rule 'tswap'"),
-        (["--live=0", "-o", LOG], "is an input, expected another file to write"),
-    ],
-)
-def test_what_does_not_fit_is_one_line(options: list[str], why: str) -> None:
-    """With exit code 2, before anything is started."""
-    assert why in refused("replay", LOG, *options)
-
-
 def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> None:
     """For people in rows, for machines in one document; the recording is a whole one."""
     out = tmp_path / "child.mcap"
-    options = ["--what-if=random", "--from=5", "--max-rounds=7", "--processes=0", "-o", str(out)]
-    assert main(["replay", LOG, *options]) == 0
+    options = ["--rule=random", "--round=5", "--max-rounds=7", "--processes=0", "--log", str(out)]
+    assert main(["run", "--from", LOG, *options]) == 0
     told = capsys.readouterr().out
     assert f"parent         {LOG}, rule pibt: 4 of its rounds\n" in told
     assert "what if        rule random from round 5 on\nrounds         7\n" in told
     assert verify(out).ok
-    assert main(["info", str(out), "--json"]) == 0
+    assert main(["log", "info", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     assert (found["parent"], found["what_if"], found["from_round"]) == ("agv-6.mcap", "random", "5")
     again = [*options[:-1], str(tmp_path / "again.mcap")]
-    assert main(["replay", LOG, *again, "--json"]) == 0
+    assert main(["run", "--from", LOG, *again, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["from_round"], document["what_if"], document["rounds"]) == (5, "random", 7)
     assert document["path_digest"] == verify(out).path_digest
@@ -63,10 +37,10 @@ def test_a_run_goes_on_and_names_its_parent(tmp_path: Path, capsys: Capture) -> 
 
 def test_live_modules_are_compared(tmp_path: Path, capsys: Capture) -> None:
     """Exit code 0 if all is the same, and 1 with the divergence on both streams."""
-    assert main(["replay", LOG, "--live=0-1", "--processes=0"]) == 0
+    assert main(["replay", LOG, "--modules=0-1", "--processes=0"]) == 0
     assert capsys.readouterr().out == "the same for 20 of 20 rounds\n"
     out = str(tmp_path / "live.mcap")
-    other = ["--live=all", "--rule=random", "--processes=0", "--json", "-o", out]
+    other = ["--modules=all", "--rule=random", "--processes=0", "--json", "--log", out]
     assert main(["replay", LOG, *other]) == 1
     told = capsys.readouterr()
     document = json.loads(told.out)
@@ -84,7 +58,7 @@ def test_a_recording_that_was_cut_off_says_so(tmp_path: Path, capsys: Capture) -
     """What is not played is said, and the rest is."""
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((GOLDEN / "agv-6.mcap").read_bytes()[:30000])
-    assert main(["replay", str(cut), "--live=0", "--processes=0"]) == 0
+    assert main(["replay", str(cut), "--modules=0", "--processes=0"]) == 0
     told = capsys.readouterr()
     rounds = int(told.out.split()[3])
     assert f"could be read before it; it is used up to round {rounds}\n" in told.err
@@ -103,10 +77,13 @@ def test_what_a_hole_leaves_is_used_and_what_begins_late_is_refused_in_one_line(
         saved.unlink(missing_ok=True)
         recover(hole, saved)
         for path in (hole, saved):
-            for words in (["--live", "0"], ["--what-if", "chain", "--from", "3"]):
+            for words in (
+                ["replay", "--modules=0"],
+                ["run", "--rule=chain", "--round=3", "--from"],
+            ):
                 out = tmp_path / f"{path.stem}-{place}-{words[0]}.mcap"
-                keep = ["-o", str(out), "--processes", "0"]
-                code = main(["replay", str(path), *words, *keep])
+                keep = ["--log", str(out), "--processes", "0"]
+                code = main([*words, str(path), *keep])
                 told = capsys.readouterr()
                 if no_start:
                     assert (code, told.err.count("\n")) == (2, 1)

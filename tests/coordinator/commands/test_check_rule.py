@@ -18,7 +18,7 @@ CHEATS = ROOT / "tests" / "agents" / "locality" / "cheats"
 @pytest.mark.thorough
 def test_a_local_rule_ends_with_0() -> None:
     """With a document of what was compared, and no findings."""
-    done = cubepath("check-rule", "tswap", "agv:graph=C6,n=2", "agv:graph=P7,n=3", "--json")
+    done = cubepath("rule", "check", "tswap", "agv:graph=C6,n=2", "agv:graph=P7,n=3", "--json")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["local"] is True
@@ -37,7 +37,7 @@ def test_a_check_ends_in_time(tmp_path: Path, loading: str, systems: list[str]) 
     text = (CHEATS / "sleeps.py").read_text()
     (tmp_path / "endless.py").write_text(f"{text}\n{loading}\n")
     began = time.monotonic()
-    done = cubepath("check-rule", "endless.py:RULE", *systems, "--timeout=4", cwd=tmp_path)
+    done = cubepath("rule", "check", "endless.py:RULE", *systems, "--timeout=4", cwd=tmp_path)
     line = "not checked within 4 s, expected one that answers sooner, or a longer timeout"
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.splitlines() == [f"cubepath: rule 'endless.py:RULE': {line}"]
@@ -46,13 +46,13 @@ def test_a_check_ends_in_time(tmp_path: Path, loading: str, systems: list[str]) 
 
 def test_systems_are_not_asked_for() -> None:
     """Where the rule is missing it alone is."""
-    assert "required: RULE;" in refused("check-rule")
+    assert "required: RULE;" in refused("rule", "check")
 
 
 def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     """In words below the table; the file is found from the folder of the user."""
     (tmp_path / "clock.py").write_text((CHEATS / "clock.py").read_text())
-    done = cubepath("check-rule", "clock.py:RULE", "hex:n=3", "--seed", "4", cwd=tmp_path)
+    done = cubepath("rule", "check", "clock.py:RULE", "hex:n=3", "--seed", "4", cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
     assert lines[:2] == ["rule      clock.py:RULE, seed 4", "systems   hex:n=3"]
@@ -60,30 +60,10 @@ def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     assert lines[7].startswith("  uses the clock (time.time_ns in clock.py:11): module_")
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["nonesuch"], "unknown rule 'nonesuch', expected one of random, chain"),
-        (["random", "nonesuch"], "unknown system 'nonesuch'"),
-        (["word", "agv"], "agv: not for this system: rule 'word'"),
-        (["nowhere.py:RULE"], "nowhere.py: no such file"),
-        ([], "the following arguments are required: RULE"),
-        (["random", "--seed", "-1"], "expected a whole number of at least 0, found '-1'"),
-    ],
-)
-def test_bad_input_is_one_line(
-    arguments: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With what was found and what was expected; exit code 2."""
-    monkeypatch.chdir(tmp_path)
-    assert why in refused("check-rule", *arguments)
-
-
 @pytest.mark.thorough
 def test_a_rule_is_played_without_rounds() -> None:
     """By --clock free, which the answer names."""
-    done = cubepath("check-rule", "tswap", "agv:graph=P7,n=3", "--clock", "free")
+    done = cubepath("rule", "check", "tswap", "agv:graph=P7,n=3", "--clock", "free")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0] == "rule      tswap, seed 0, free clock"
     assert "findings  none" in done.stdout
@@ -91,8 +71,8 @@ def test_a_rule_is_played_without_rounds() -> None:
 
 def test_rules_say_under_which_clocks_they_hold() -> None:
     """In words, and in the document with the argument."""
-    done = cubepath("rules", "--json")
+    done = cubepath("rule", "list", "--json")
     listed = {rule["name"]: rule for rule in json.loads(done.stdout)}
     assert listed["chain"]["clocks"] == ["lockstep", "free"]
     assert "a guard keeps walkers apart" in listed["chain"]["free"]
-    assert "clocks: lockstep, free" in cubepath("rules").stdout
+    assert "clocks: lockstep, free" in cubepath("rule", "list").stdout

@@ -19,10 +19,10 @@ pytestmark = pytest.mark.slow
 Capture = pytest.CaptureFixture[str]
 RECORDING = str(GOLDEN / "agv-3.mcap")
 COMMANDS = {
-    "systems": ("systems",),
-    "rules as JSON": ("rules", "--json"),
+    "systems": ("system", "list"),
+    "rules as JSON": ("rule", "list", "--json"),
     "verify": ("verify", RECORDING),
-    "info": ("info", RECORDING),
+    "info": ("log", "info", RECORDING),
     "explain": ("shorten", RECORDING, "--explain"),
     "complex": ("complex", "arm:n=3"),
     "help": ("--help",),
@@ -60,7 +60,7 @@ def test_a_full_standard_output_is_told(command: tuple[str, ...]) -> None:
 
 def test_a_closed_standard_output_is_told_before_work_begins(tmp_path: Path) -> None:
     """One line and exit code 1, for answers and for help; nothing is written."""
-    for arguments in ("systems", "--help", "--version", "complex arm:n=3 -o arm.json"):
+    for arguments in ("system list", "--help", "--version", "complex arm:n=3 -o arm.json"):
         done = in_shell(f"cubepath {arguments} >&-", cwd=tmp_path)
         told = "cubepath: standard output: closed, expected a place for the answer\n"
         assert (done.returncode, done.stderr) == (1, told)
@@ -100,7 +100,7 @@ def test_what_standard_output_cannot_encode_is_escaped(
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for line, shown in (
         (f"cubepath shorten {RECORDING} -o 名.jsonl", f"{name}.jsonl"),
-        ("cubepath info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
+        ("cubepath log info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
     ):
         done = in_shell(line, cwd=tmp_path, env=environment)
         assert (done.returncode, done.stderr) == (0, "")
@@ -160,17 +160,17 @@ SHOWN = r"w\x1b[31m\x0a\x7f\x9b"
 @pytest.mark.parametrize(
     ("line", "code"),
     [
-        ("info NAME.mcap", 0),
-        ("info FOLDER", 0),
+        ("log info NAME.mcap", 0),
+        ("log info FOLDER", 0),
         ("verify FOLDER", 1),
         ("verify FOLDER/NAME.mcap", 1),
-        ("verify NAME.mcap --recover FOLDER/NAME-new.mcap", 0),
+        ("log recover NAME.mcap -o FOLDER/NAME-new.mcap", 0),
         ("shorten NAME.jsonl --explain --certificate NAME.json -o NAME-cubes.jsonl", 0),
-        ("shorten NAME.jsonl --explain --duration NAME=2", 0),
-        ("convert NAME.jsonl NAME-out.jsonl", 0),
+        ("shorten NAME.jsonl --explain --durations NAME=2", 0),
+        ("shorten NAME.jsonl --convert -o NAME-out.jsonl", 0),
         ("complex arm:n=3 -o NAME.json", 0),
         ("view NAME.mcap -o NAME.svg", 0),
-        ("info NAME-none.mcap", 2),
+        ("log info NAME-none.mcap", 2),
         ("shorten NAME-none.jsonl -o o.jsonl", 2),
     ],
 )
@@ -202,5 +202,5 @@ def test_a_document_has_names_as_they_are(
     """JSON has escapes of its own."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(RECORDING, f"{WILD}.mcap")
-    assert main(["info", f"{WILD}.mcap", "--json"]) == 0
+    assert main(["log", "info", f"{WILD}.mcap", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["log"] == f"{WILD}.mcap"

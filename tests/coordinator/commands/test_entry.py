@@ -94,6 +94,8 @@ def test_an_interrupt_waits_for_the_end_of_an_import(
     monkeypatch.delitem(sys.modules, module, raising=False)
     monkeypatch.setattr(sys, "meta_path", [signalling, *sys.meta_path])
     recording = str(GOLDEN / "hex-5.mcap")
-    code = entry(["replay", recording, "--rate", "1"] if module == MAIN else ["info", recording])
+    code = entry(
+        ["replay", recording, "--rate", "1"] if module == MAIN else ["log", "info", recording]
+    )
     assert (code, signalling.went_on) == (130, True)
     assert capsys.readouterr().err == "cubepath: interrupted\n"

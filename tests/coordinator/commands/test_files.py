@@ -60,9 +60,9 @@ def contents(folder: Path) -> dict[str, bytes]:
         "cubepath shorten - -o - < moves.jsonl",
         "cubepath shorten /dev/stdin -o /dev/stdout < moves.jsonl",
         "cubepath shorten <(cat moves.jsonl) -o -",
-        "cat moves.jsonl | cubepath convert - - | cubepath shorten - -o -",
-        "cubepath convert moves.jsonl m.npz >&2; cat m.npz | cubepath shorten - -o -",
-        "cubepath shorten moves.jsonl -o c.npz >&2; cat c.npz | cubepath convert - -",
+        "cat moves.jsonl | cubepath shorten - --convert -o - | cubepath shorten - -o -",
+        "cubepath shorten moves.jsonl --convert -o m.npz >&2; cat m.npz | cubepath shorten - -o -",
+        "cubepath shorten moves.jsonl -o c.npz >&2; cat c.npz | cubepath shorten - --convert -o -",
     ],
 )
 def test_moves_and_cubes_come_and_go_by_standard_streams(line: str, folder: Path) -> None:
@@ -90,7 +90,7 @@ PROVED = "proved     no schedule of 1 round or fewer; the schedule has 2: optima
         ("cat two.proof | cubepath verify -", PROVED),
         ("cubepath verify <(cat two.proof)", PROVED),
         ("cubepath verify - < run.mcap", "ok      readable"),
-        ("cubepath verify - --recover new.mcap < run.mcap", "ok      readable"),
+        ("cubepath log recover - -o new.mcap < run.mcap", "ok      readable"),
         ("cubepath verify - --of moves.jsonl < c.json", "ok      form"),
         ("cubepath verify <(cat c.json) --of moves.jsonl", "ok      form"),
     ],
@@ -143,7 +143,7 @@ def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
         ("cubepath view run.mcap -o -", "standard output: takes moves and cubes alone"),
         ("cubepath view - < run.mcap", "standard input: has no name for a picture"),
         ("cubepath run hex:n=3 --log -", "standard output: has the answer, expected a file"),
-        ("cubepath verify run.mcap --recover -", "standard output: takes moves and cubes alone"),
+        ("cubepath log recover run.mcap -o -", "standard output: takes moves and cubes alone"),
     ],
 )
 def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Path) -> None:
@@ -165,96 +165,6 @@ def test_cubes_that_nobody_takes_are_told_as_every_answer_is(folder: Path) -> No
     done = cubepath("shorten", "moves.jsonl", "-o", "-", stdout=writing)
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-INPUTS_AS_OUTPUTS = [
-    "shorten moves.jsonl -o moves.jsonl",
-    "shorten moves.jsonl -o ./folder/../moves.jsonl",
-    "shorten moves.jsonl -o hard.jsonl",
-    "shorten moves.jsonl -o soft.jsonl",
-    "shorten moves.jsonl --certificate soft.json",
-    "shorten edge.jsonl --system grid.toml -o system.jsonl",
-    "shorten edge.jsonl --system agv:graph=grid.map,n=2 -o map.jsonl",
-    "shorten lacam.txt --with room.map -o with.jsonl",
-    "shorten moves.jsonl --durations durations.toml -o durations.jsonl",
-    "convert moves.jsonl moves.jsonl",
-    "convert lacam.txt with.jsonl --with room.map",
-    "complex agv:graph=grid.map,n=2 -o map.json",
-    "view run.mcap -o run.png",
-    "verify run.mcap --recover run.png",
-]
-
-
-@pytest.mark.parametrize("line", INPUTS_AS_OUTPUTS)
-def test_no_input_is_written_over(line: str, folder: Path, capsys: Capture) -> None:
-    """By its own name or another spelling, by a hard or a symbolic link; nothing is done."""
-    (folder / "folder").mkdir()
-    (folder / "hard.jsonl").hardlink_to("moves.jsonl")
-    for link, file in (
-        ("soft.jsonl", "moves.jsonl"),
-        ("soft.json", "moves.jsonl"),
-        ("system.jsonl", "grid.toml"),
-        ("map.jsonl", "grid.map"),
-        ("map.json", "grid.map"),
-        ("with.jsonl", "room.map"),
-        ("durations.jsonl", "durations.toml"),
-        ("run.png", "run.mcap"),
-    ):
-        (folder / link).symlink_to(file)
-    before = contents(folder)
-    assert main(line.split()) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.endswith(": is an input, expected another file to write\n")
-    assert contents(folder) == before
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("shorten moves.jsonl -o kept.jsonl", "kept.jsonl: is a recording, which is kept"),
-        ("shorten moves.jsonl --certificate kept.json", "kept.json: is a recording"),
-        ("convert moves.jsonl kept.jsonl", "kept.jsonl: is a recording"),
-        ("view run.mcap -o kept.png", "kept.png: is a recording"),
-        ("complex arm:n=3 -o kept.json", "kept.json: is a recording"),
-        ("verify run.mcap --recover kept.mcap", "kept.mcap: is a recording"),
-        ("verify run.mcap --recover moves.jsonl", "moves.jsonl: exists already, expected a new"),
-        ("run hex:n=3 --log kept.mcap", "kept.mcap: exists already, expected a new file"),
-        ("shorten moves.jsonl -o a.jsonl --certificate a.jsonl", "a.jsonl: is to be written twice"),
-        ("shorten moves.jsonl -o cubes.txt", "cubes.txt: found the suffix .txt, expected one of"),
-        ("shorten moves.jsonl -o cubes", "cubes: found no suffix, expected one of .jsonl, .npz"),
-        ("shorten moves.jsonl --certificate c.toml", "c.toml: found the suffix .toml, expected"),
-        ("convert moves.jsonl a.json", "a.json: found the suffix .json, expected one of"),
-        ("view run.mcap -o run.mcap2", "run.mcap2: found the suffix .mcap2, expected one of .png"),
-        ("complex arm:n=3 -o arm.jpg", "arm.jpg: found the suffix .jpg, expected one of .json"),
-        ("complex arm:n=3 -o /dev/null", "/dev/null: found no suffix, expected one of .json"),
-        ("shorten moves.jsonl -o no/c.jsonl", "no/c.jsonl: there is no folder no, expected one"),
-        ("complex arm:n=3 -o no/arm.json", "no/arm.json: there is no folder no, expected one"),
-        ("view run.mcap -o no/run.png", "no/run.png: there is no folder no, expected one"),
-        ("verify run.mcap --recover no/a.mcap", "no/a.mcap: there is no folder no, expected one"),
-    ],
-)
-def test_outputs_are_looked_at_before_the_work(
-    line: str, message: str, folder: Path, capsys: Capture
-) -> None:
-    """Recordings are kept, names say what is in a file, and no folder is made."""
-    for kept in ("kept.jsonl", "kept.json", "kept.png", "kept.mcap"):
-        shutil.copy("run.mcap", kept)
-    before = contents(folder)
-    assert main(line.split()) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith(f"cubepath: {message}")
-    assert (told.err.count("\n"), contents(folder)) == (1, before)
-
-
-@pytest.mark.slow
-def test_two_outputs_are_two_files(folder: Path, capsys: Capture) -> None:
-    """Also where one is a link to the other."""
-    (folder / "a.json").symlink_to("a.jsonl")
-    assert main(["shorten", "moves.jsonl", "-o", "a.jsonl", "--certificate", "a.json"]) == 2
-    assert "a.json: is to be written twice, expected two files" in capsys.readouterr().err
-    assert not (folder / "a.jsonl").exists()
 
 
 def wait_until_it_reads(pid: int, pipe: int) -> None:
@@ -296,12 +206,12 @@ def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
     [
         "shorten moves.jsonl -o NAME.jsonl",
         "shorten moves.jsonl --certificate NAME.json",
-        "convert moves.jsonl NAME.npz",
+        "shorten moves.jsonl --convert -o NAME.npz",
         "complex arm:n=3 -o NAME.json",
         "view run.mcap -o NAME.png",
-        "verify run.mcap --recover NAME.mcap",
+        "log recover run.mcap -o NAME.mcap",
         "run arm:n=3 --log NAME.mcap",
-        "info NAME.mcap",
+        "log info NAME.mcap",
         "verify NAME.mcap",
         "shorten NAME.jsonl",
         "shorten moves.jsonl --system NAME.toml",

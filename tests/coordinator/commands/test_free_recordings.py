@@ -35,7 +35,7 @@ def the_recording() -> Recording:
 def test_info_tells_the_clock_and_the_keepers(capsys: pytest.CaptureFixture[str]) -> None:
     """The parts of batches are counted by kind, as they stand in the file."""
     recording = the_recording()
-    found = told(capsys, "info", recording.path)
+    found = told(capsys, "log", "info", recording.path)
     assert (found["clock"], found["keepers"], found["format"]) == (
         "free",
         3,
@@ -58,7 +58,7 @@ def test_shorten_convert_and_view_read_it(
     path, moves = the_recording().path, tmp_path / "moves.jsonl"
     once, again = tmp_path / "once.jsonl", tmp_path / "again.jsonl"
     found = told(capsys, "shorten", path, "-o", once)
-    told(capsys, "convert", path, moves)
+    told(capsys, "shorten", path, "--convert", "-o", moves)
     assert told(capsys, "shorten", moves, "--system", SPEC, "-o", again)["cubes"] == found["cubes"]
     assert once.read_bytes() == again.read_bytes()
     for name in ("run.png", "run.gif"):
@@ -138,7 +138,7 @@ def compared(
     capsys: pytest.CaptureFixture[str], *arguments: object
 ) -> tuple[int, dict[str, object]]:
     """Return the exit code and the answer of a comparison."""
-    code = main(["verify", *map(str, arguments), "--json"])
+    code = main(["diff", *map(str, arguments), "--json"])
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return code, found
 
@@ -149,7 +149,7 @@ def test_runs_are_compared_whatever_form_they_have(
 ) -> None:
     """A run is the same as its moves in a file, and homotopic to its schedule carried out."""
     path, moves, log = the_recording().path, tmp_path / "moves.jsonl", tmp_path / "log.mcap"
-    told(capsys, "convert", path, moves)
+    told(capsys, "shorten", path, "--convert", "-o", moves)
     told(capsys, "run", "--schedule", path, "--processes", 0, "--log", log)
     system = ("--system", SPEC)
     same: dict[str, object] = {"same": True, "difference": None}
@@ -167,27 +167,8 @@ def test_recordings_of_other_scenes_differ_by_their_starts(
 ) -> None:
     """One line on standard error, exit code 1."""
     paths = the_recording().path, free_recorded("hex:n=3", moves=4).path
-    assert main(["verify", *map(str, paths), "--same"]) == 1
+    assert main(["diff", *map(str, paths), "--same"]) == 1
     assert "not same: the starts differ: " in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["a.mcap", "--same"], "--same: found 1 path, expected two"),
-        (["a", "b", "c", "--homotopic"], "--homotopic: found 3 paths, expected two"),
-        (["a", "b", "--same", "--recover", "c.mcap"], "expected no --recover"),
-        (["missing.mcap", "b", "--same"], "missing.mcap"),
-    ],
-)
-def test_bad_comparisons_are_refused_in_one_line(
-    arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With exit code 2, before anything is read."""
-    assert main(["verify", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert why in error
-    assert error.count("\n") == 1
 
 
 def test_verify_answers_with_the_checks_of_its_clock(capsys: pytest.CaptureFixture[str]) -> None:

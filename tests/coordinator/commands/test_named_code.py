@@ -42,13 +42,16 @@ MINE = RuleType(
 NAMED = "canary.py:MINE"
 SPEC = 'systems = "hex:n=3"\nrules = "canary.py:MINE"\nseeds = 1\nmax_rounds = 2\n'
 BY_HAND = [
-    "replay 0.mcap --what-if canary.py:MINE --from 2 --processes 0 --max-rounds 3 -o branch.mcap",
+    (
+        "run --from 0.mcap --rule canary.py:MINE --round 2 --processes 0 --max-rounds 3 --log"
+        " branch.mcap"
+    ),
     "run --schedule 0.mcap --repair --rule canary.py:MINE --processes 0 --log repaired.mcap",
-    "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --core simulated --jobs 1 --record -o swept",
+    "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --core simulated --jobs 1 --log -o swept",
     "run named.toml --rule random --processes 0 --max-rounds 4 --log named.mcap",
     "shorten named.mcap -o cubes.jsonl --certificate cubes.certificate.json",
-    "convert named.mcap moves.npz",
-    "split branch.mcap --parts 2 -o halves",
+    "shorten named.mcap --convert -o moves.npz",
+    "log split branch.mcap --parts 2 -o halves",
 ]
 """What makes the other inputs, some with the file where you give it."""
 
@@ -119,27 +122,27 @@ COMMANDS = [
     "verify 0.mcap --require choices",
     "verify 0.mcap --rule other.py:MINE",
     "verify 0.mcap --rule other/canary.py:THEIRS",
-    "verify 0.mcap --recover saved.mcap",
-    "verify 0.mcap 1.mcap --same",
+    "log recover 0.mcap -o saved.mcap",
+    "diff 0.mcap 1.mcap --same",
     "verify free-0.mcap",
-    "info 0.mcap",
+    "log info 0.mcap",
     "diff free-0.mcap free-1.mcap",
     "diff 0.mcap 1.mcap",
-    "replay 0.mcap --what-if random --from 2 --modules 0 --processes 0",
-    "replay 0.mcap --live 0 --processes 0",
-    "replay 0.mcap --live 0 --rule random --processes 0",
+    "run --from 0.mcap --rule random --round 2 --modules 0 --processes 0",
+    "replay 0.mcap --modules 0 --processes 0",
+    "replay 0.mcap --modules 0 --rule random --processes 0",
     "shorten 0.mcap",
-    "export 0.mcap -o moves.csv",
+    "log export 0.mcap -o moves.csv",
     "view 0.mcap -o run.html",
-    "filter 0.mcap part.mcap",
-    "split 1.mcap --parts 2 -o parts",
+    "log filter 0.mcap -o part.mcap",
+    "log split 1.mcap --parts 2 -o parts",
     "sweep study.toml -o study --jobs 1",
     "sweep study.toml --dry-run",
     "run --schedule 0.mcap --processes 0",
-    "run --resume free-0.mcap --log more.mcap",
+    "run --from free-0.mcap --log more.mcap",
     "verify branch.mcap repaired.mcap",
     "diff 0.mcap branch.mcap",
-    "replay branch.mcap --what-if random --from 3 --modules 0 --processes 0",
+    "run --from branch.mcap --rule random --round 3 --modules 0 --processes 0",
     "run --schedule repaired.mcap --processes 0",
     "run named.toml --processes 0 --max-rounds 2",
     "complex named.toml --max-states 50",
@@ -149,15 +152,15 @@ COMMANDS = [
     "verify cubes.certificate.json --of named.mcap",
     "verify cubes.jsonl --of named.mcap",
     "shorten pickled.npz --system named.toml",
-    "convert pickled.npz moves.jsonl",
+    "shorten pickled.npz --convert -o moves.jsonl",
     "view pickled.npz --system hex:n=3 -o pickled.html",
     "verify pickled.npz",
     "report swept -o told",
     "sweep hex:n=3 --rule random --seeds 2 --max-rounds 2 -o swept --jobs 1",
     "sweep study.toml -o swept --jobs 1",
     "verify swept/recordings",
-    "export 0.mcap --moves -o exported.jsonl",
-    "merge halves/branch-000.mcap halves/branch-001.mcap -o merged.mcap",
+    "log export 0.mcap --format moves -o exported.jsonl",
+    "log merge halves/branch-000.mcap halves/branch-001.mcap -o merged.mcap",
     "simulate --system named.toml --seeds 0 --out simulated",
 ]
 
@@ -198,7 +201,7 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
     [
         "sweep hex:n=3 --rule random --core simulated --seeds 5 --max-rounds 1 --jobs 2 -o out",
         "run hex:n=2 --max-rounds 1 --processes 1 --log run.mcap",
-        "check-rule random hex:n=2",
+        "rule check random hex:n=2",
     ],
 )
 def test_no_process_runs_what_is_in_the_current_folder(tmp_path: Path, command: str) -> None:
@@ -247,7 +250,7 @@ def test_choices_are_checked_with_a_file_that_you_give(
             "no recording names a rule YOURS in a file",
         ),
         ("verify named.mcap --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),
-        ("verify named.mcap --rule canary.py:MINE --recover new.mcap", "no recording names a rule"),
+        ("log recover named.mcap --rule canary.py:MINE -o new.mcap", "no recording names a rule"),
         ("verify parts-of --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),
     ],
 )
@@ -266,4 +269,4 @@ def test_only_what_can_be_required_is_taken() -> None:
     """A check by its name, of a recording."""
     log = str(GOLDEN / "hex-5.mcap")
     assert "--require choses: no such check" in refused("verify", log, "--require", "choses")
-    assert "expected recordings" in refused("verify", log, log, "--same", "--require", "choices")
+    assert "unknown option --require" in refused("diff", log, log, "--same", "--require", "choices")

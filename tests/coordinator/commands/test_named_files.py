@@ -94,18 +94,18 @@ def test_files_in_the_folder_of_a_sweep_are_found_from_everywhere(given: Path) -
     assert main(["sweep", str(study), "--dry-run"]) == 0
 
 
-@pytest.mark.parametrize("command", ["verify", "info"])
+@pytest.mark.parametrize("command", ["verify", "log info"])
 def test_a_link_among_recordings_is_not_followed_out_of_their_folder(
     given: Path, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is refused by its name, and the others are read."""
     (given / "link.mcap").symlink_to("../mine/run.mcap")
     (given / "again.mcap").symlink_to("run.mcap")
-    assert main([command, str(given), "--json"]) == 2
+    assert main([*command.split(), str(given), "--json"]) == 2
     found = json.loads(capsys.readouterr().out)
     assert ["unreadable" in each for each in found] == [False, True, False]
     assert found[1]["unreadable"].startswith(f"{given}/link.mcap: leads out of {given}")
-    assert main([command, str(given / "link.mcap")]) == 0
+    assert main([*command.split(), str(given / "link.mcap")]) == 0
 
 
 def _linked(name: str) -> Plant:
@@ -144,7 +144,7 @@ def _first_part(what: str) -> Plant:
         (_linked("rounds"), "sweep hex:n=2 -o swept"),
         (_linked("sweep.json"), "sweep hex:n=2 -o swept"),
         (_first_part("rounds"), "sweep hex:n=2 -o swept"),
-        (_linked("recordings"), "sweep hex:n=2 -o swept --record --core simulated"),
+        (_linked("recordings"), "sweep hex:n=2 -o swept --log --core simulated"),
     ],
 )
 def test_nothing_outside_the_folder_of_a_sweep_is_read_or_written(
@@ -169,7 +169,7 @@ def test_the_logs_of_a_run_that_is_resumed_are_beside_it(
     monkeypatch.chdir(given)
     run("hex:n=2", "random", clock="free", processes=1, keepers=1, max_rounds=1, log="free.mcap")
     Path("free.mcap.keepers").symlink_to("../mine")
-    line = refused("run", "--resume", "free.mcap", "--log", "more.mcap")
+    line = refused("run", "--from", "free.mcap", "--log", "more.mcap")
     assert line.startswith("cubepath: free.mcap.keepers: leads out of .")
 
 
@@ -202,11 +202,11 @@ def test_a_name_in_a_recording_opens_no_file(given: Path) -> None:
         for command in (
             f"diff {name} given/moves.jsonl",
             f"diff {name} given/run.mcap",
-            f"info {name}",
+            f"log info {name}",
             f"verify {name}",
             f"view {name} -o {name}.html",
             f"shorten {name}",
-            f"replay {name} --what-if random --from 2 --processes 0",
+            f"run --from {name} --rule random --round 2 --processes 0",
             f"run --schedule {name} --processes 0",
         )
     ]

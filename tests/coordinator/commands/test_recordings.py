@@ -16,7 +16,7 @@ from cubepath.coordinator.commands.main import main
 from processes.command_line import GOLDEN, in_shell, without_reader
 
 Capture = pytest.CaptureFixture[str]
-both = pytest.mark.parametrize("command", ["info", "verify"])
+both = pytest.mark.parametrize("command", ["log info", "verify"])
 
 
 @pytest.fixture
@@ -49,22 +49,22 @@ def test_a_folder_stands_for_the_recordings_in_it(
     command: str, folder: Path, capsys: Capture
 ) -> None:
     """In sorted order, and each with the document that it has alone, and its name."""
-    alone, _ = answered(capsys, command, "runs/a.mcap")
+    alone, _ = answered(capsys, *command.split(), "runs/a.mcap")
     assert isinstance(alone, dict)
-    found, said = answered(capsys, command, "runs")
+    found, said = answered(capsys, *command.split(), "runs")
     assert [each["log"] for each in found] == ["runs/a.mcap", "runs/b.mcap"]
     assert found[0] == {"log": "runs/a.mcap", **alone}
     assert said == []
-    again, _ = answered(capsys, command, "runs/b.mcap", "runs/a.mcap")
+    again, _ = answered(capsys, *command.split(), "runs/b.mcap", "runs/a.mcap")
     assert again == found[::-1]
 
 
 @both
 def test_people_read_a_heading_for_each_file(command: str, folder: Path, capsys: Capture) -> None:
     """One file alone has none."""
-    assert main([command, "runs/a.mcap"]) == 0
+    assert main([*command.split(), "runs/a.mcap"]) == 0
     alone = capsys.readouterr().out
-    assert main([command, "runs/a.mcap", "runs"]) == 0
+    assert main([*command.split(), "runs/a.mcap", "runs"]) == 0
     first, second, third = capsys.readouterr().out.split("\n\n")
     assert first + "\n" == f"==> runs/a.mcap <==\n{alone}"
     assert second == first
@@ -77,12 +77,12 @@ def test_what_cannot_be_read_does_not_stop_the_others(
 ) -> None:
     """One line for each on standard error, and the worst exit code."""
     names = ["bad.mcap", "empty", "runs/a.mcap", "none.mcap"]
-    found, said = answered(capsys, command, *names, code=2)
+    found, said = answered(capsys, *command.split(), *names, code=2)
     assert [each["log"] for each in found] == names
     assert ["unreadable" in each for each in found] == [True, True, False, True]
     assert said == [f"cubepath: {each['unreadable']}" for each in found if "unreadable" in each]
     assert found[1]["unreadable"] == "empty: a folder without .mcap files, expected recordings"
-    alone, said = answered(capsys, command, "empty", code=2)
+    alone, said = answered(capsys, *command.split(), "empty", code=2)
     assert (alone, len(said)) == ([found[1]], 1)
 
 
@@ -96,26 +96,6 @@ def test_the_exit_code_is_that_of_the_worst(folder: Path, capsys: Capture) -> No
     answered(capsys, "verify", "cut.mcap", "bad.mcap", code=2)
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("verify runs/a.mcap runs/b.mcap --recover o.mcap", "--recover: found 2 recordings"),
-        ("verify runs --recover o.mcap", "runs: a folder, expected a file"),
-        ("verify a.json b.json --of moves.jsonl", "--of: found 2 files to check, expected one"),
-        ("verify runs cubes.jsonl", "cubes.jsonl: is checked against its input, expected --of"),
-        ("info - -", "standard input: named twice"),
-    ],
-)
-def test_what_is_for_one_file_is_refused_for_several(
-    line: str, message: str, folder: Path, capsys: Capture
-) -> None:
-    """In one line, before anything is read."""
-    assert main(line.split()) == 2
-    told = capsys.readouterr()
-    assert told.err.startswith(f"cubepath: {message}")
-    assert (told.out, told.err.count("\n")) == ("", 1)
-
-
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_the_number_of_files(folder: Path) -> None:
     """Fifteen recordings take what three take, but for what waits to be collected."""
@@ -124,7 +104,7 @@ def test_memory_does_not_grow_with_the_number_of_files(folder: Path) -> None:
         out = Path("out.json")
         with out.open("w") as stream, contextlib.redirect_stdout(stream):
             tracemalloc.start()
-            code = main(["info", "--json", *[str(GOLDEN / "hex-5.mcap")] * count])
+            code = main(["log", "info", "--json", *[str(GOLDEN / "hex-5.mcap")] * count])
             _, most = tracemalloc.get_traced_memory()
             tracemalloc.stop()
         assert (code, len(json.loads(out.read_text()))) == (0, count)
@@ -139,7 +119,7 @@ def test_a_list_that_nobody_reads_ends_quietly(folder: Path) -> None:
     """As one document does; and one recording may come by standard input."""
     done = without_reader("verify", "runs", "--json")
     assert (done.returncode, done.stderr) == (141, "")
-    done = in_shell("cubepath info runs - --json < runs/a.mcap")
+    done = in_shell("cubepath log info runs - --json < runs/a.mcap")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert [each["log"] for each in found] == ["runs/a.mcap", "runs/b.mcap", "standard input"]
@@ -149,7 +129,7 @@ def test_a_list_that_nobody_reads_ends_quietly(folder: Path) -> None:
 @pytest.mark.slow
 def test_what_was_recovered_is_replayed_as_far_as_it_goes(folder: Path, capsys: Capture) -> None:
     """Exit code 0 and `complete: false`; the damaged file it came from is said to be damaged."""
-    assert main(["verify", "cut.mcap", "--recover", "whole.mcap"]) == 0
+    assert main(["log", "recover", "cut.mcap", "-o", "whole.mcap"]) == 0
     capsys.readouterr()
     found, said = answered(capsys, "replay", "whole.mcap")
     assert (found["same"], found["complete"], said) == (True, False, [])

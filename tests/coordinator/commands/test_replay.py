@@ -18,7 +18,7 @@ import pytest
 from cubepath.coordinator.commands.keyboard import keys_in, order_of
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.orders import Seek, StepBack, StepForward
-from processes.command_line import GOLDEN, PYTHON, refused
+from processes.command_line import GOLDEN, PYTHON
 
 HEX = str(GOLDEN / "hex-5.mcap")
 Capture = pytest.CaptureFixture[str]
@@ -62,34 +62,6 @@ def test_the_table_says_of_which_part_its_numbers_are(capsys: pytest.CaptureFixt
     assert "the same as recorded in 1 round; not compared" in capsys.readouterr().out
     assert main(["replay", str(GOLDEN / "hex-free-5.mcap")]) == 0
     assert capsys.readouterr().out.startswith("levels         19\n")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--rate 2 --real-time", "--rate and --real-time: expected one of the two"),
-        ("--max-gap 2", "--max-gap: expected --real-time or --rate with it"),
-        ("--real-time=0", "argument --real-time: expected a number of at least 0.00001"),
-        (
-            "--rate 0x",
-            "argument --rate: expected rounds or levels a second such as 10, times as fast as",
-        ),
-        ("--rate 2y", "such as 2x, both at least 0.00001, or max, found '2y'"),
-        ("--from 3.5", "argument --from: expected a round or level such as 12, or a time such as"),
-        ("--until x", "argument --until: expected a round or level such as 12"),
-        ("--from 30", "from 30: nothing is on record there; it goes from round 0 to 29"),
-        ("--from 12 --until 3", "from 12 until 3: expected a range upwards"),
-        ("--until 0", "until 0: nothing that is played is on record there"),
-        ("--wait-time 1", "--wait-time: expected --wait-for-subscribers with it"),
-        ("--topics verdict", "topics=verdict/*: nothing on record matches, expected topics of"),
-        ("--remap a", "remap=a: expected FROM=TO"),
-        ("--run a/b", "run=a/b: expected a name without any of"),
-        ("--delay -1", "argument --delay: expected 0 or more seconds"),
-    ],
-)
-def test_bad_options_are_one_line(words: str, said: str) -> None:
-    """Before anything is started."""
-    assert said in refused("replay", HEX, *words.split())
 
 
 class Terminal:
@@ -152,7 +124,7 @@ class Terminal:
 @pytest.mark.slow
 def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
-    terminal = Terminal("replay", HEX, "--start-paused", "--json")
+    terminal = Terminal("replay", HEX, "--paused", "--json")
     try:
         terminal.shows(r"paused, next: round 1, message \d+ of 573, .* as fast as possible")
         assert "space pause, right/left a round on/back" in terminal.told

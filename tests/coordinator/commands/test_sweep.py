@@ -13,7 +13,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import read_runs
-from processes.command_line import PYTHON, refused
+from processes.command_line import PYTHON
 
 
 def test_a_sweep_is_played_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,40 +67,6 @@ def test_a_rule_that_fails_is_told_when_all_others_were_played(
     assert (document["finished"], document["failures"]) == (3, 1)
     line = f"cubepath: hex:n=5, rule {rule}, seed 0: error: "
     assert any(each.startswith(line) and "ZeroDivision" in each for each in told.err.splitlines())
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["hexx"], "unknown system 'hexx' (did you mean 'hex'?)"),
-        (["hex:n=4..3"], "empty range"),
-        (["hex:m=4"], "cannot read 'm=4'"),
-        (["none.toml"], "none.toml: no such file"),
-        (["hex", "--rule", "chan"], "unknown rule 'chan' (did you mean 'chain'?)"),
-        (["hex", "--rule", "tswap"], "nothing to run: hex: not for this system: rule 'tswap'"),
-        (["hex", "--seeds", "many"], "seeds: expected a number of seeds"),
-        (["hex", "--hesitate", "much"], "--hesitate: expected numbers as 0,0.5, found 'much'"),
-        (["hex", "--clock", "fre"], "clocks: unknown 'fre'"),
-        (["hex", "--core", "fast"], "core: unknown 'fast'"),
-        (["hex", "--faults", "loss=3"], "faults: loss=3, expected 0 to 1"),
-        (["hex", "--core", "wire", "--faults", "loss=0.1"], "expected core simulated"),
-        (["hex", "--jobs", "0"], "--jobs"),
-        (["hex", "--seeds", "1", "-o", "/proc/here"], "/proc/here: cannot be written"),
-        (["hex", "--seeds", "1", "-o", "/dev/null"], "/dev/null: not a folder"),
-        ([], "SYSTEM"),
-    ],
-)
-def test_what_cannot_be_played_is_refused_in_a_line(words: list[str], why: str) -> None:
-    """With exit code 2, and nothing is written."""
-    assert why in refused("sweep", *words)
-
-
-def test_a_file_with_a_slip_is_refused_in_a_line(tmp_path: Path) -> None:
-    """It names the file, the key and what was expected."""
-    path = tmp_path / "spec.toml"
-    path.write_text('systems = "hex"\nseed = 3\n')
-    line = refused("sweep", str(path))
-    assert line.startswith(f"cubepath: {path}: unknown key 'seed' (did you mean 'seeds'?)")
 
 
 @pytest.mark.thorough

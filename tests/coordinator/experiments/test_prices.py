@@ -115,4 +115,4 @@ def test_how_far_to_search_is_a_whole_number(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text('systems = ["hex:n=3"]\nimprove = -1\n')
     assert "improve: -1, expected 0 or more" in refused("sweep", f"{tmp_path}/study.toml")
     out = str(tmp_path / "out")
-    assert main(["sweep", "hex:n=3", "--seeds", "1", "--improve", "5", "-o", out]) == 0
+    assert main(["sweep", "hex:n=3", "--seeds", "1", "--steps", "5", "-o", out]) == 0

@@ -1,4 +1,4 @@
-"""What `cubepath info` says of a recording."""
+"""What `cubepath log info` says of a recording."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def goes_on(folder: Path) -> None:
 @pytest.mark.thorough
 def test_hosts_on_several_addresses_give_the_same_path(commands: Commands, digest: str) -> None:
     """A router on 127.0.0.1, joins from 127.0.0.2 and 127.0.0.3; the rest is dealt to own ones."""
-    router = commands.start("router", f"--listen={LOOPBACK}")
+    router = commands.start("host", "router", f"--listen={LOOPBACK}")
     endpoint = listens(router)
     runs = commands.start("run", *SYSTEM, f"--connect={endpoint}", "--wait-for=2", "--json")
     runs.says(r"waiting for 2 processes: modules 0-5")
@@ -135,7 +135,7 @@ def test_whoever_is_refused_is_told_why_and_the_run_goes_on_waiting(
 @pytest.mark.thorough
 def test_two_runs_at_one_router_do_not_meet(commands: Commands, digest: str) -> None:
     """Who joins has to say which run; each has the path that it has alone."""
-    endpoint = listens(commands.start("router", f"--listen={LOOPBACK}"))
+    endpoint = listens(commands.start("host", "router", f"--listen={LOOPBACK}"))
     arguments = (*SYSTEM, f"--connect={endpoint}", "--wait-for=1", "--processes=1", "--json")
     both = [commands.start("run", *arguments, f"--log={name}.mcap") for name in "ab"]
     ids = [each.says(r"run ([0-9a-f]{12})")[1] for each in both]
@@ -261,7 +261,7 @@ def test_a_process_that_waits_to_join_can_be_interrupted(commands: Commands) -> 
 @pytest.mark.thorough
 def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     """Its command starts it again, and the run goes on with those that joined."""
-    router = commands.start("router", f"--listen={LOOPBACK}")
+    router = commands.start("host", "router", f"--listen={LOOPBACK}")
     endpoint = listens(router)
     runs = commands.start("run", *ENDLESS, f"--connect={endpoint}", "--wait-for=1")
     joined = joins(commands, endpoint, "0-3")
@@ -314,7 +314,7 @@ def test_a_process_that_finds_nothing_at_an_address_ends_soon(place: str) -> Non
 @pytest.mark.thorough
 def test_a_process_waits_for_a_router_that_stands_still(commands: Commands) -> None:
     """The address answers, so it waits for its patience; and it joins once the router goes on."""
-    router = commands.start("router", f"--listen={LOOPBACK}")
+    router = commands.start("host", "router", f"--listen={LOOPBACK}")
     endpoint = listens(router)
     task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
     child = int(task.read_text().split()[0])
@@ -332,7 +332,7 @@ def test_a_process_waits_for_a_router_that_stands_still(commands: Commands) -> N
 @pytest.mark.thorough
 def test_no_run_to_join_is_one_line(commands: Commands) -> None:
     """When patience is over: no router, or no run that waits there."""
-    port = listens(commands.start("router", f"--listen={LOOPBACK}"))
+    port = listens(commands.start("host", "router", f"--listen={LOOPBACK}"))
     for endpoint, line in (
         ("tcp/127.0.0.1:9", "no zenoh router at tcp/127.0.0.1:9: nobody answers"),
         ("tcp/a..b:9", "no zenoh router at tcp/a..b:9: nobody answers"),  # no host has that name

@@ -324,7 +324,7 @@ def test_a_run_that_goes_on_cannot_be_taken_up(tmp_path: Path) -> None:
     log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"
     plan = Plan(system=CHAIN, clock="free", keepers=1, processes=1, speeds=SLOW, log=log)
     with start(plan):
-        again = started("--resume", str(log), "--log", str(more))
+        again = started("--from", str(log), "--log", str(more))
         _, said = again.communicate(timeout=60)
         assert again.returncode == 2
         what = "a run is writing there, expected it to end first"
@@ -340,7 +340,7 @@ def test_of_two_that_take_up_a_run_one_does(tmp_path: Path) -> None:
     plan = Plan(system="hex:n=2", rule="random", clock="free", log=log, keepers=1, patience=1.0)
     assert run(replace(plan, speeds={0: 10_000, 1: 10_000})).ended == "failed"
     more = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
-    both = [started("--resume", str(log), "--log", str(each), "--patience", "1") for each in more]
+    both = [started("--from", str(log), "--log", str(each), "--patience", "1") for each in more]
     said = [each.communicate(timeout=60)[1].decode() for each in both]
     codes = [each.returncode for each in both]
     assert sorted(codes) == [1, 2], said

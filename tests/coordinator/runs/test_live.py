@@ -196,7 +196,7 @@ def test_live_modules_may_join_from_elsewhere(commands: Commands, tmp_path: Path
     replay = commands.start(
         "replay",
         "log.mcap",
-        "--live=0-3",
+        "--modules=0-3",
         "--listen=tcp/127.0.0.1:0",
         "--wait-for=1",
         f"--rule={NOTING}",
@@ -218,7 +218,7 @@ def test_a_process_in_another_program_is_tried_against_a_log(
     with RunUnderTest(spec, seed=2, max_rounds=30, log=log, commands={"own": own}) as run:
         rounds = run.play().rounds
     again = commands.start(
-        "replay", "log.mcap", "--live=1", "--listen=tcp/127.0.0.1:0", "--wait-for=1"
+        "replay", "log.mcap", "--modules=1", "--listen=tcp/127.0.0.1:0", "--wait-for=1"
     )
     endpoint = again.says(r"listening on (\S+) without TLS")[1]
     words = [word.replace("{endpoint}", endpoint) for word in own]

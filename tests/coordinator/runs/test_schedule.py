@@ -317,7 +317,7 @@ def test_another_start(tmp_path: Path) -> None:
 def test_the_command_says_where_it_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 1, one line, and the same in the document, the table and `cubepath info`."""
+    """Exit code 1, one line, and the same in the document, the table and `cubepath log info`."""
     monkeypatch.chdir(tmp_path)
     first = original(*VEHICLES)
     scene = written(without_place(first.scene, a_place_on_the_way(first, 2)))

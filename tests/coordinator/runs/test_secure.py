@@ -128,7 +128,7 @@ def test_a_secure_run_with_a_process_elsewhere_takes_the_same_path(
     """From three commands, with the folder as each host would have it."""
     plan = Plan("hex:n=6", "random", seed=2, max_rounds=30, processes=0, log=tmp_path / "a.mcap")
     digest = run(plan).path_digest
-    expected = "expected what 'cubepath certificates' writes"
+    expected = "expected what 'cubepath host certificates' writes"
     hosts = {"one": ["coordinator", "router", "process_1", "process_2"], "other": ["process_0"]}
     for host, names in hosts.items():
         (tmp_path / host).mkdir()

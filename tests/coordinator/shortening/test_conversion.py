@@ -41,13 +41,26 @@ def crossing(tmp_path: Path) -> Path:
 def test_all_forms_of_a_path_give_the_same_cubes(crossing: Path, tmp_path: Path) -> None:
     """Lines, arrays, and lines again; cubes as lines, and by way of arrays."""
     arrays, lines = tmp_path / "m.npz", tmp_path / "again.jsonl"
-    assert main(["convert", str(crossing), str(arrays), "--system", CROSSING]) == 0
-    assert main(["convert", str(arrays), str(lines)]) == 0
+    assert (
+        main(["shorten", str(crossing), "--convert", "-o", str(arrays), "--system", CROSSING]) == 0
+    )
+    assert main(["shorten", str(arrays), "--convert", "-o", str(lines)]) == 0
     assert json.loads(lines.read_text().splitlines()[2]) == json.loads(LINES.splitlines()[2])
     cubes = tmp_path / "cubes.jsonl"
     assert main(["shorten", str(crossing), "--system", CROSSING, "-o", str(cubes)]) == 0
     assert main(["shorten", str(arrays), "-o", str(tmp_path / "cubes.npz")]) == 0
-    assert main(["convert", str(tmp_path / "cubes.npz"), str(tmp_path / "other.jsonl")]) == 0
+    assert (
+        main(
+            [
+                "shorten",
+                str(tmp_path / "cubes.npz"),
+                "--convert",
+                "-o",
+                str(tmp_path / "other.jsonl"),
+            ]
+        )
+        == 0
+    )
     assert (tmp_path / "other.jsonl").read_bytes() == cubes.read_bytes()
     # The binary form is self-contained; with a system it is checked from that system's start.
     assert shorten(arrays, system=CROSSING).named == shorten(arrays).named
@@ -60,50 +73,13 @@ def test_a_scenario_becomes_a_moves_file(
 ) -> None:
     """With what was written told as a document."""
     source, target = DATA / "grid8-12agents.json", tmp_path / "m.npz"
-    assert main(["convert", str(source), str(target), "--json"]) == 0
+    assert main(["shorten", str(source), "--convert", "-o", str(target), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {
         "what": "moves",
         "count": 71,
         "output": str(target),
     }
     assert encode(shorten(target).named) == encode(shorten(source).named)
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "reason"),
-    [
-        ("crossing.jsonl", "crossing.jsonl", "is an input"),
-        ("missing.jsonl", "m.npz", "No such file"),
-        ("crossing.jsonl", "m.npz", "without a system"),
-        ("cubes.npz", "more.npz", "holds cubes already"),
-        ("crossing.jsonl", "no/m.npz", "there is no folder"),
-    ],
-)
-def test_what_cannot_be_converted_is_refused(  # noqa: PLR0917 - fixtures and a case
-    crossing: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    source: str,
-    target: str,
-    reason: str,
-) -> None:
-    """In one line, with exit code 2 and nothing written."""
-    cubes = str(tmp_path / "cubes.npz")
-    assert main(["shorten", str(crossing), "--system", CROSSING, "-o", cubes]) == 0
-    capsys.readouterr()
-    before = sorted(tmp_path.iterdir())
-    assert main(["convert", str(tmp_path / source), str(tmp_path / target)]) == 2
-    complaint = capsys.readouterr().err.strip()
-    assert reason in complaint
-    assert "\n" not in complaint
-    assert sorted(tmp_path.iterdir()) == before
-
-
-def test_improved_cubes_are_not_written_in_binary(crossing: Path, tmp_path: Path) -> None:
-    """They are not made of the moves of the input."""
-    cubes = str(tmp_path / "cubes.npz")
-    options = ["--system", CROSSING, "-o", cubes, "--improve", "0"]
-    assert main(["shorten", str(crossing), *options]) == 2
 
 
 def test_a_bad_move_is_named_by_the_reader_of_lines(tmp_path: Path) -> None:

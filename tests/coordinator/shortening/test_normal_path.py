@@ -378,7 +378,7 @@ def test_a_damaged_recording_is_refused_with_the_way_out(tmp_path: Path, kind: s
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InputError, match=what) as caught:
         shorten(path)
-    assert f"'cubepath verify {path} --recover OUT'" in str(caught.value)
+    assert f"'cubepath log recover {path} -o OUT'" in str(caught.value)
 
 
 @pytest.mark.parametrize("size", [1, 5, 8, 20])

@@ -49,7 +49,7 @@ def test_cubes_read_back_are_the_path(tmp_path: Path, *, binary: bool) -> None:
     if binary:
         arrays = tmp_path / "cubes.npz"
         assert main(["shorten", str(moves), "-o", str(arrays)]) == 0
-        assert main(["convert", str(arrays), str(cubes)]) == 0
+        assert main(["shorten", str(arrays), "--convert", "-o", str(cubes)]) == 0
     else:
         assert main(["shorten", str(moves), "-o", str(cubes)]) == 0
     assert [json.loads(line)["moves"] for line in cubes.read_text().splitlines()] == CUBES
@@ -72,7 +72,7 @@ def test_an_id_of_a_cancelled_move_is_shared_too(tmp_path: Path) -> None:
 def test_a_timetable_tells_them_apart(tmp_path: Path) -> None:
     """Its lines have names as cubes files do."""
     moves, times = saved(tmp_path / "moves.jsonl", SHARED), tmp_path / "times.jsonl"
-    assert main(["shorten", str(moves), "--duration", "a=2", "-o", str(times)]) == 0
+    assert main(["shorten", str(moves), "--durations", "a=2", "-o", str(times)]) == 0
     assert [line.move for line in read_timetable(times)] == [
         NumberedId("a", 1),
         NumberedId("a", 2),

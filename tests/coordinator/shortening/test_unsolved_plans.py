@@ -133,7 +133,7 @@ def test_a_converted_plan_is_told_too(tmp_path: Path, capsys: pytest.CaptureFixt
     source, hints = train(tmp_path, SHORT)
     target = tmp_path / "moves.jsonl"
     words = command(source, hints)[1:]
-    assert main(["convert", *words[:1], str(target), *words[1:]]) == 1
+    assert main(["shorten", *words[:1], "--convert", "-o", str(target), *words[1:]]) == 1
     assert len(target.read_text().splitlines()) == sum(map(len, SHORT))
     assert "1 of 4 robots ends off its target" in capsys.readouterr().err
     assert "1 of 4 robots" in (convert(source, target, hints=hints).unsolved or "")

@@ -86,8 +86,8 @@ def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None
     assert b"<!-- coordinator -->" in before[0]
     verified = cubepath("verify", log)
     assert (verified.returncode, "FAILED  deliveries" in verified.stdout) == (1, True)
-    for command in ("info", "view", "replay"):
-        done = cubepath(command, log)
+    for command in ("log info", "view", "replay"):
+        done = cubepath(*command.split(), log)
         assert done.returncode == 0, done.stderr
     assert [Path(picture).read_bytes() for picture in kept.pictures] == before
 

@@ -67,7 +67,7 @@ for face in ("protocol", "agents", "coordinator", "coordinator.testing"):
     for name in found.__all__:
         getattr(found, name)
 from cubepath.coordinator.commands.main import main
-sys.exit(main(["systems", "--json"]))
+sys.exit(main(["system", "list", "--json"]))
 """
 
 
@@ -190,7 +190,7 @@ def test_a_test_that_fails_keeps_its_recordings_and_names_them(tmp_path: Path) -
     assert len(logs) == 2, found
     assert [Path(log).name for log in logs] == ["run.mcap", "run-2.mcap"]
     assert all(Path(log).is_file() for log in logs)
-    assert "cubepath info FILE" in found
+    assert "cubepath log info FILE" in found
     passing = FAILS.replace("{fails}", "")
     found = outcome_of(
         tmp_path, passing, "--cubepath-seeds=4..4", "--cubepath-logs=kept", "-p", "no:randomly"

@@ -538,7 +538,7 @@ def test_a_recovered_run_is_fine_as_far_as_it_goes(
     path, out = damaged(tmp_path / "cut.mcap"), tmp_path / "new.mcap"
     assert main(["verify", str(path)]) == 1
     capsys.readouterr()
-    assert main(["verify", str(path), "--json", "--recover", str(out)]) == 0
+    assert main(["log", "recover", str(path), "--json", "-o", str(out)]) == 0
     assert json.loads(capsys.readouterr().out)["complete"] is False
     assert main(["verify", str(out), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -546,7 +546,7 @@ def test_a_recovered_run_is_fine_as_far_as_it_goes(
     assert main(["verify", str(out)]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("complete: false")
     for log, complete in ((path, False), (out, False), (crowd().path, True)):
-        assert main(["info", str(log), "--json"]) == 0
+        assert main(["log", "info", str(log), "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["complete"] is complete
 
 

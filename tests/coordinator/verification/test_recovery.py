@@ -90,7 +90,7 @@ def test_a_recording_without_its_scene_is_recovered_alone_and_whole_once_it_is_t
     whole = (GOLDEN / "hex-5.mcap").read_bytes()
     lost = without("hex-5", tmp_path, b"cubepath-system-1")
     alone, told = (tmp_path / f"{name}.mcap" for name in ("alone", "told"))
-    assert main(["verify", str(lost), "--recover", str(alone)]) == 0
+    assert main(["log", "recover", str(lost), "-o", str(alone)]) == 0
     assert "its scene is lost" in (said := capsys.readouterr().err)
     assert "--system hex:n=5 makes a recording" in said
     messages = taken_apart("whole", whole).messages
@@ -99,7 +99,7 @@ def test_a_recording_without_its_scene_is_recovered_alone_and_whole_once_it_is_t
         read_recording(alone)
     for source in (lost, alone):
         told.unlink(missing_ok=True)
-        assert main(["verify", str(source), "--recover", str(told), "--system", "hex:n=5"]) == 0
+        assert main(["log", "recover", str(source), "-o", str(told), "--system", "hex:n=5"]) == 0
         assert verify(told).ok
         assert read_recording(told).scene.start == scene_from_spec("hex:n=5").start
     assert taken_apart("told", told.read_bytes()).messages == messages
@@ -165,7 +165,7 @@ def test_a_system_that_cannot_be_it_is_refused_by_the_first_message_that_says_so
     """Where the parameters are lost too; where only the whole of it is wrong, that is said."""
     path = without(name, tmp_path, b"cubepath-system-1", b"cubepath-recording-")
     out = tmp_path / "out.mcap"
-    words = ["verify", str(path), "--recover", str(out), "--system", system]
+    words = ["log", "recover", str(path), "-o", str(out), "--system", system]
     if said is None:
         assert main(words) == 0
         doubt = "said, deliveries, normal, class, certificate, summary fail"
@@ -191,7 +191,7 @@ def test_the_right_system_is_not_doubted_for_what_damage_has_taken(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """That the end is missing says nothing of the system."""
-    words = ["verify", str(headless(tmp_path)), "--recover", str(tmp_path / "out.mcap")]
+    words = ["log", "recover", str(headless(tmp_path)), "-o", str(tmp_path / "out.mcap")]
     assert main([*words, "--system", "hex:n=5"]) == 0
     said = capsys.readouterr().err
     assert "checks failed: readable, complete" in said
@@ -202,7 +202,7 @@ def test_a_system_with_modules_that_never_report_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All modules have reported a round before the next one is begun."""
-    words = ["verify", str(headless(tmp_path)), "--recover", str(tmp_path / "out.mcap")]
+    words = ["log", "recover", str(headless(tmp_path)), "-o", str(tmp_path / "out.mcap")]
     assert main([*words, "--system", "hex:n=6"]) == 2
     line = capsys.readouterr().err
     assert line.endswith("module_5: no report in 10 rounds; the system has 6 modules\n")
@@ -226,9 +226,9 @@ def test_nothing_to_recover_is_bad_input(
     path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     for data in (whole[: end - 1], whole[:begin], b"no recording", b""):
         path.write_bytes(data)
-        assert main(["verify", str(path), "--recover", str(out)]) == 2
+        assert main(["log", "recover", str(path), "-o", str(out)]) == 2
         assert capsys.readouterr().err.count("\n") == 1
         assert not out.exists()
     path.write_bytes(whole[:end])
-    assert main(["verify", str(path), "--recover", str(out)]) == 0
+    assert main(["log", "recover", str(path), "-o", str(out)]) == 0
     assert out.exists()

@@ -13,7 +13,6 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.authority import make_certificates
 
@@ -75,26 +74,6 @@ def test_a_folder_that_has_something_is_left_alone(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["mine"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["--processes", "1025"], "processes=1025: expected 0 to 1024"),
-        (["--days", "99999"], "days=99999: expected 1 to 36500"),
-        (["--host", "a b"], "host=a b: expected the name of a host or an IP address"),
-        (["--host", "robot", "--host", "x..y"], "host=x..y: expected the name of a host"),
-    ],
-)
-def test_what_makes_no_sense_is_one_line(
-    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Exit code 2, and nothing is written."""
-    assert main(["certificates", str(tmp_path / "new"), *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.startswith(f"cubepath: {line}")
-    assert captured.err.count("\n") == 1
-    assert not (tmp_path / "new").exists()
-
-
 @pytest.mark.slow
 def test_a_missing_library_is_one_line_that_says_how_to_get_it(tmp_path: Path) -> None:
     """Nothing else needs it."""
@@ -108,7 +87,7 @@ def test_a_missing_library_is_one_line_that_says_how_to_get_it(tmp_path: Path) -
         "sys.exit(main(sys.argv[1:]))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, "certificates", str(tmp_path / "new")],
+        [sys.executable, "-c", code, "host", "certificates", str(tmp_path / "new")],
         capture_output=True,
         text=True,
         check=False,

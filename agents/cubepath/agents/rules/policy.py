@@ -80,7 +80,7 @@ def policy_rule(
             batched one gets float64 of shape (B,) instead, of each module's generator the next
             ``random()``, from 0 to below 1.
         fits: whether it is for a system; by default for all.
-        summary: what `cubepath rules` prints; by default the first line of the docstring.
+        summary: what `cubepath rule list` prints; by default the first line of the docstring.
         source: where it comes from; by default the policy's module.
 
     An action that is not legal, another shape, or an error of the policy ends the run in one line,

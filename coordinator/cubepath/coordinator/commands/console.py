@@ -32,7 +32,7 @@ _AGAIN_S = 0.01
 _IMPORT_S_MAX = 2.0
 """Seconds that an interrupt waits for an import, which may be that of a user's own file."""
 
-SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
+SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath system list' (default hex)"
 
 
 class Interrupts:
@@ -162,7 +162,7 @@ def answer(options: argparse.Namespace, document: object, text: str) -> None:
     Its lines hold no control characters: `table` shows them, and so does `visible`.
     If the output of the command itself goes to standard output, the text goes to standard error.
     """
-    if getattr(options, "output", None) == STANDARD_OUTPUT:
+    if getattr(options, "out", None) == STANDARD_OUTPUT:
         _note(text)
     else:
         say(json.dumps(document) if options.json else text)

@@ -1,4 +1,4 @@
-"""The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
+"""The command line: ``cubepath run | shorten | verify | log info | ...``.
 
 Standard output carries the answer, standard error everything else. Exit codes: 0 done, 1 a check
 failed, memory or a disk was full, or the answer could not be written, 2 bad input or usage, 130
@@ -12,7 +12,7 @@ import errno
 import logging
 import resource
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
@@ -26,7 +26,7 @@ from cubepath.coordinator.commands.console import (
     say,
 )
 from cubepath.coordinator.commands.usage import Parser
-from cubepath.coordinator.plugins import COMMANDS, add_commands_of
+from cubepath.coordinator.plugins import COMMANDS, GROUPS, add_options_of
 from cubepath.protocol.core.errors import CubepathError, InputError
 
 
@@ -48,7 +48,7 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     try:
         prepare_streams()
         given = sys.argv[1:] if arguments is None else arguments
-        _parser(*given[:1]).parse_args(given, options)
+        _parser(*given[:2]).parse_args(given, options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
@@ -79,7 +79,7 @@ def _reason(error: Exception, smaller: str) -> object:
     return error
 
 
-def _parser(called: str = "") -> argparse.ArgumentParser:
+def _parser(first: str = "", second: str = "") -> argparse.ArgumentParser:
     """Return a parser of the command line, in which only the called command has its options."""
     parser = Parser(
         prog="cubepath",
@@ -89,31 +89,47 @@ def _parser(called: str = "") -> argparse.ArgumentParser:
     parser.add_argument(
         "--version", action=_Version, nargs=0, help="show program's version number and exit"
     )
-    parser.set_defaults(command=_help)
-    commands = parser.add_subparsers(metavar="COMMAND")
-    parsers = {
-        name: commands.add_parser(name, help=summary, description=summary)
-        for name, (_, summary) in COMMANDS.items()
-    }
-
-    def command(
-        name: str, function: Callable[[argparse.Namespace], int]
-    ) -> argparse.ArgumentParser:
-        parsers[name].set_defaults(command=function)
-        parsers[name].add_argument(
+    parsers = _add_names(
+        parser,
+        {
+            name.partition(" ")[0]: GROUPS.get(name.partition(" ")[0], summary)
+            for name, (_, summary) in COMMANDS.items()
+        },
+    )
+    called = first
+    if first in GROUPS:
+        inside = {
+            name.partition(" ")[2]: summary
+            for name, (_, summary) in COMMANDS.items()
+            if name.startswith(f"{first} ")
+        }
+        called = f"{first} {second}"
+        parsers = {
+            f"{first} {name}": each for name, each in _add_names(parsers[first], inside).items()
+        }
+    if called in COMMANDS:
+        parsers[called].add_argument(
             "--json", action="store_true", help="answer with one JSON document"
         )
-        return parsers[name]
-
-    if called in COMMANDS:
-        add_commands_of(called)(command)
+        add_options_of(called)(parsers[called])
     return parser
 
 
-def _help(_options: argparse.Namespace) -> int:
-    """List the commands; called when none is given."""
-    _parser().print_help()
-    return DONE
+def _add_names(
+    parser: argparse.ArgumentParser, summaries: Mapping[str, str]
+) -> dict[str, argparse.ArgumentParser]:
+    """Add commands by their names alone; without any of them the command is to list them."""
+
+    def list_them(_options: argparse.Namespace) -> int:
+        parser.print_help()
+        return DONE
+
+    parser.set_defaults(command=list_them)
+    commands = parser.add_subparsers(metavar="COMMAND")
+    return {
+        name: commands.add_parser(name, help=summary, description=summary)
+        for name, summary in summaries.items()
+    }
 
 
 class _Version(argparse.Action):

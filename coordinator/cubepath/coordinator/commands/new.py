@@ -1,4 +1,4 @@
-"""The command that begins a distribution with a rule or a system: ``cubepath new``.
+"""The commands that begin a distribution: ``cubepath rule new`` and ``cubepath system new``.
 
 What it writes are the files in ``templates``, with the name filled in.
 """
@@ -18,28 +18,32 @@ from string import Template
 from tempfile import mkdtemp
 
 from cubepath.coordinator.commands.console import DONE, answer
-from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.output_files import unwritable
 
-KINDS = ("rule", "system")
 _NAME = re.compile(r"[A-Za-z](?:[A-Za-z0-9_]*[A-Za-z0-9])?")
 """An identifier of Python that is also the name of a distribution, with "-" for "_"."""
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    new = command("new", _new)
-    new.add_argument("kind", choices=KINDS, metavar="KIND", help="rule or system")
+def add_rule_new(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``rule new``."""
+    _add_new(parser, "rule")
+
+
+def add_system_new(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``system new``."""
+    _add_new(parser, "system")
+
+
+def _add_new(new: argparse.ArgumentParser, kind: str) -> None:
+    new.set_defaults(command=_new, kind=kind)
     new.add_argument("name", metavar="NAME", help="what it is called, an identifier of Python")
-    new.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="the new folder (default: NAME)"
-    )
+    new.add_argument("-o", "--out", type=Path, metavar="DIR", help="the new folder (default: NAME)")
 
 
 def _new(options: argparse.Namespace) -> int:
-    folder = options.output or Path(options.name)
+    folder = options.out or Path(options.name)
     written = new_distribution(options.kind, options.name, folder)
     document = {"kind": options.kind, "name": options.name, "folder": str(folder), "files": written}
     where = visible(str(folder))

@@ -1,4 +1,4 @@
-"""The commands on recordings: ``cubepath verify`` and ``cubepath info``."""
+"""Recordings that a command verifies or shows, one or several: their answers and exit codes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from cubepath.coordinator.commands.certificates import (
-    add_certificate_options,
-    is_of_a_path,
-    verify_certificate,
-)
-from cubepath.coordinator.commands.comparing import add_comparing_options, compare, compares
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
     DONE,
@@ -24,68 +18,22 @@ from cubepath.coordinator.commands.console import (
     complain,
     say,
 )
-from cubepath.coordinator.commands.files import (
-    Output,
-    check_files,
-    file_name,
-    input_path,
-    opened_once,
-    output_path,
-)
+from cubepath.coordinator.commands.files import file_name
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand
-from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import counted, visible
-from cubepath.protocol.core.input_files import Source, file_within, readable
+from cubepath.protocol.core.input_files import file_within, readable
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification
-    from cubepath.protocol.core.system import Scene
     from cubepath.protocol.recordings.recording import Recording
-    from cubepath.protocol.recordings.remains import Remains
 
-
-_Tell: TypeAlias = "Callable[[int], object] | None"
-_One: TypeAlias = "Callable[[Path, _Tell], _Told]"
-_LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard input"
-
-
-def add_commands(command: AddCommand) -> None:
-    """Add the commands and their options."""
-    verify = command("verify", _verify)
-    verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
-    verify.add_argument(
-        "--rule",
-        action="append",
-        default=[],
-        metavar="FILE.py:NAME",
-        help="ask the rule in this file again where a recording names a file of that name",
-    )
-    verify.add_argument(
-        "--require",
-        action="append",
-        default=[],
-        metavar="CHECK",
-        help="exit code 1 if this check of a recording was not made, such as choices",
-    )
-    add_certificate_options(verify)
-    add_comparing_options(verify)
-    plugin("add_proof_options")(verify)
-    verify.add_argument(
-        "--recover",
-        type=output_path,
-        metavar="OUT",
-        help="write what can be read as a proper recording; exit code 2 only if there is nothing."
-        " With --system the scene, if that is lost",
-    )
-
-    info = command("info", _info)
-    info.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
+Progress: TypeAlias = "Callable[[int], object] | None"
+LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard input"
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class RecordingAnswer:
     """The result for one recording: its answer, the complaints, and the exit code."""
 
     document: dict[str, Any]
@@ -94,194 +42,16 @@ class _Told:
     complaints: tuple[str, ...] = ()
 
 
-def _verify(options: argparse.Namespace) -> int:
-    if compares(options):
-        _check_alone(options)
-        return compare(options)
-    with opened_once(options.logs) as sources:
-        if plugin("is_of_a_proof")(options, sources):
-            _check_alone(options)
-            code: int = plugin("verify_proof")(options, sources[0])
-            return code
-        if is_of_a_path(options):
-            _check_alone(options)
-            return verify_certificate(options, sources[0])
-        return _verify_recordings(options, sources)
-
-
-def _check_alone(options: argparse.Namespace) -> None:
-    """Refuse the options that are for recordings."""
-    if options.rule or options.require:
-        option = "--rule" if options.rule else "--require"
-        raise InputError(f"{option}: expected recordings alone to verify")
-
-
-def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
-    from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
-    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    check_files(options, options.logs, Output(options.recover))
-    for rule in options.rule:
-        check_rule_file(rule)
-    if options.recover is not None:
-        return _recover(options, sources[0])
-    known = dict(zip(options.logs, sources, strict=True))
-    unused = set(options.rule)
-
-    def one(path: Path, tell: _Tell) -> _Told:
-        recording = read_recording(known.get(path, path))
-        unused.intersection_update(unused_rules(recording, unused))
-        if path in options.logs and len(known) == 1:
-            _check_used(options, unused)  # before the work
-        return _verified(recording, audit(recording, tell, rules=options.rule), options.require)
-
-    code = _each(options, "verify", one)
-    _check_used(options, unused)
-    return code
-
-
-def _check_used(options: argparse.Namespace, unused: Collection[str]) -> None:
-    """Refuse a rule that no recording names: most likely it is another that you meant."""
-    for rule in options.rule:
-        if rule in unused:
-            file, _, name = rule.rpartition(":")
-            raise InputError(
-                f"--rule {rule}: no recording names a rule {name} in a file {Path(file).name},"
-                " expected one that is named"
-            )
-
-
-def _recover(options: argparse.Namespace, source: Source) -> int:
-    """Verify one recording, and write what can be read of it to another.
-
-    The exit code says whether there is anything of it, since that it is damaged is known.
-    """
-    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
-    from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
-    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
-    from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
-    from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
-
-    if len(options.logs) > 1:
-        raise InputError(f"--recover: found {len(options.logs)} recordings, expected one")
-    if options.recover.is_file():
-        raise InputError(f"{options.recover}: exists already, expected a new file")
-    scene = _scene(options)
-    with progress_bar(None, "verify", " rounds") as bar:
-        remains = remains_of(source)
-        remains = remains if scene is None else with_told_scene(remains, scene)
-        recording = remains.recording()
-        if recording is not None:
-            _check_used(options, unused_rules(recording, options.rule))
-        told = (
-            _alone(remains)
-            if recording is None
-            else _verified(
-                recording,
-                audit(recording, bar.update, rules=options.rule),
-                options.require,
-            )
-        )
-    try:
-        saved = recover(recording or remains, options.recover)
-    finally:
-        answer(options, told.document, told.text)
-    step = "level" if remains.format == FREE_FORMAT else "whole round"
-    known = "" if recording is None else f", {counted(saved.rounds, step)}"
-    complain(f"{saved.out}: {counted(saved.messages, 'message')} written{known}")
-    for each in told.complaints:
-        complain(each)
-    if scene is not None and "scene is lost" in " ".join(remains.problems):
-        _doubt(told, scene.spec)
-    return DONE
-
-
-def _doubt(told: _Told, system: str) -> None:
-    """Say which checks fail with a scene that was told: maybe it is another one."""
-    checks = told.document.get("checks", ())
-    damage = ("readable", "complete")
-    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] not in damage]
-    if wrong:
-        complain(f"with --system {system} {', '.join(wrong)} fail: is the run of another system?")
-
-
-def _scene(options: argparse.Namespace) -> Scene | None:
-    """Return the scene that was told for a recording that has lost its own."""
-    if options.system is None:
-        return None
-    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
-
-    return scene_from_spec(options.system)
-
-
-def _alone(remains: Remains) -> _Told:
-    """Return what is to be said of messages whose scene is lost."""
-    told = remains.parameters.get("system", "SYSTEM")
-    why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
-    hint = f"the same with --system {told} makes a recording of them"
-    document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
-    text = "\n".join(map(visible, remains.problems))
-    return _Told(document, text, complaints=(f"{why}; {hint}",))
-
-
-def _verified(recording: Recording, found: Verification, required: Sequence[str]) -> _Told:
-    width = max(len(check.name) for check in found.checks)
-    lines = [
-        f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
-    ]
-    what = "level" if recording.clock == "free" else "round"
-    counts = (found.rounds, what), (found.moves, "move"), (found.cubes, "cube")
-    lines.append(", ".join(counted(*each) for each in counts))
-    if any(found.missing):
-        rounds, messages = found.missing
-        lines.append(
-            f"known to be missing: {rounds} of the rounds begun, {counted(messages, 'message')}"
-        )
-    if found.ok and not found.complete:
-        from cubepath.coordinator.verification.partial import why_partial  # noqa: PLC0415
-
-        cut = "messages are missing" if found.missing.messages else "the run was cut off"
-        because = why_partial(recording) or cut
-        lines.append(f"complete: false; {because}, and this is fine as far as it goes")
-    lines += [
-        f"choices {check.detail}"
-        for check in found.checks
-        if check.name == "choices" and check.ok and not check.checked
-    ]
-    text = "\n".join(map(visible, lines))
-    made = {check.name: check.checked for check in found.checks}
-    for name in required:
-        if name not in made:
-            expected = ", ".join(made)
-            raise InputError(f"--require {name}: no such check, expected one of {expected}")
-    missing = [name for name in required if not made[name]]
-    if found.ok and missing:
-        why = (f"{recording.path}: checks required and not made: {', '.join(missing)}",)
-        return _Told(found.document(), text, FAILED, why)
-    if found.ok:
-        return _Told(found.document(), text)
-    wrong = ", ".join(check.name for check in found.checks if not check.ok)
-    why = (f"{recording.path}: checks failed: {wrong}",)
-    return _Told(found.document(), text, FAILED, why)
-
-
-def _mark(check: Check) -> str:
-    if not check.ok:
-        return "FAILED"
-    return "ok    " if check.checked else "-     "
-
-
-def _complained(told: _Told) -> int:
+def _complained(told: RecordingAnswer) -> int:
     for each in told.complaints:
         complain(each)
     return told.code
 
 
-def _each(
+def answer_each(
     options: argparse.Namespace,
     what: str,
-    one: _One,
+    one: Callable[[Path, Progress], RecordingAnswer],
 ) -> int:
     """Answer for each recording that is named; return the worst exit code.
 
@@ -341,25 +111,74 @@ def _outside(folder: Path, file: Path) -> InputError | None:
     return None
 
 
-def _tried(path: Path, one: _One) -> _Told:
+def _tried(path: Path, one: Callable[[Path, Progress], RecordingAnswer]) -> RecordingAnswer:
     try:
         return one(path, None)
     except CubepathError as error:
         return _unreadable(error)
 
 
-def _unreadable(error: CubepathError) -> _Told:
+def _unreadable(error: CubepathError) -> RecordingAnswer:
     code = BAD_INPUT if isinstance(error, InputError) else FAILED
-    return _Told({"unreadable": str(error)}, "", code, (str(error),))
+    return RecordingAnswer({"unreadable": str(error)}, "", code, (str(error),))
 
 
-def _info(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+def verified(
+    recording: Recording, found: Verification, required: Sequence[str] = ()
+) -> RecordingAnswer:
+    """Return the answer on a recording that was verified; `required` names checks to be made."""
+    width = max(len(check.name) for check in found.checks)
+    lines = [
+        f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
+    ]
+    what = "level" if recording.clock == "free" else "round"
+    counts = (found.rounds, what), (found.moves, "move"), (found.cubes, "cube")
+    lines.append(", ".join(counted(*each) for each in counts))
+    if any(found.missing):
+        rounds, messages = found.missing
+        lines.append(
+            f"known to be missing: {rounds} of the rounds begun, {counted(messages, 'message')}"
+        )
+    if found.ok and not found.complete:
+        from cubepath.coordinator.verification.partial import why_partial  # noqa: PLC0415
 
-    def one(path: Path, _tell: _Tell) -> _Told:
-        found = info(read_recording(path))
-        return _Told(found, render(found))
+        cut = "messages are missing" if found.missing.messages else "the run was cut off"
+        because = why_partial(recording) or cut
+        lines.append(f"complete: false; {because}, and this is fine as far as it goes")
+    lines += [
+        f"choices {check.detail}"
+        for check in found.checks
+        if check.name == "choices" and check.ok and not check.checked
+    ]
+    text = "\n".join(map(visible, lines))
+    made = {check.name: check.checked for check in found.checks}
+    for name in required:
+        if name not in made:
+            expected = ", ".join(made)
+            raise InputError(f"--require {name}: no such check, expected one of {expected}")
+    missing = [name for name in required if not made[name]]
+    if found.ok and missing:
+        why = (f"{recording.path}: checks required and not made: {', '.join(missing)}",)
+        return RecordingAnswer(found.document(), text, FAILED, why)
+    if found.ok:
+        return RecordingAnswer(found.document(), text)
+    wrong = ", ".join(check.name for check in found.checks if not check.ok)
+    why = (f"{recording.path}: checks failed: {wrong}",)
+    return RecordingAnswer(found.document(), text, FAILED, why)
 
-    check_files(options, options.logs)
-    return _each(options, "info", one)
+
+def _mark(check: Check) -> str:
+    if not check.ok:
+        return "FAILED"
+    return "ok    " if check.checked else "-     "
+
+
+def check_used(rules: Sequence[str], unused: Collection[str]) -> None:
+    """Refuse a rule that no recording names: most likely it is another that you meant."""
+    for rule in rules:
+        if rule in unused:
+            file, _, name = rule.rpartition(":")
+            raise InputError(
+                f"--rule {rule}: no recording names a rule {name} in a file {Path(file).name},"
+                " expected one that is named"
+            )

@@ -1,4 +1,7 @@
-"""The command ``cubepath replay``: a recording back on zenoh, at full speed or under control."""
+"""The command ``cubepath replay``: a recording back on zenoh, at full speed or under control.
+
+With ``--modules`` some of its modules are real ones.
+"""
 
 from __future__ import annotations
 
@@ -6,37 +9,45 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.branching import add_branching_options, branch, branches
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
-from cubepath.coordinator.commands.files import input_path
+from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.run import watched_rounds, with_damage
+from cubepath.coordinator.commands.usage import (
+    add_fields,
+    given,
+    module_numbers,
+    more_options,
+    number,
+)
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.playback.comparing import ReplayResult
     from cubepath.coordinator.playback.playing import PlayOptions
+    from cubepath.coordinator.runs.live import LiveReplay
     from cubepath.protocol.recordings.recording import Recording
 
 _SPOT = "a round or level such as 12, or a time such as 3.5s since the first message"
-_rate = number("a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5)
+_ALL = "all"
+_LIVE = ("listen", "connect", "secure", "wait_for", "processes", "rule", "patience", "log")
+"""The options of live modules, of which ``--listen`` is for all replays."""
+_PLAYER = (
+    *("rate", "max_gap", "begin", "until", "loop", "paused", "wait_s"),
+    *("topics", "exclude", "remap", "run"),
+)
+"""Options of the player, which plays a recording as it is."""
+_WAIT_S = 60.0
 _seconds = number("0 or more seconds", lambda found: found >= 0)
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    replay = command("replay", _replay)
-    replay.add_argument("log", type=input_path, metavar="LOG")
-    _add_time(replay)
-    _add_choice(replay)
-    add_branching_options(replay)
-    replay.add_argument(
-        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)"
-    )
-
-
-def _add_time(replay: argparse.ArgumentParser) -> None:
+def add_replay(replay: argparse.ArgumentParser) -> None:
+    """Add the options of ``replay``."""
+    replay.set_defaults(command=_replay)
+    replay.add_argument("parent", type=input_path, metavar="LOG")
     replay.add_argument(
         "--rate",
         type=_pace,
@@ -45,53 +56,15 @@ def _add_time(replay: argparse.ArgumentParser) -> None:
         " it was (default: as fast as it goes)",
     )
     replay.add_argument(
-        "--real-time",
-        type=_rate,
-        nargs="?",
-        const=1.0,
-        metavar="R",
-        help="as fast as it was by the publish times, or R times as fast",
-    )
-    replay.add_argument(
-        "--max-gap",
-        type=_seconds,
-        metavar="S",
-        help="with --real-time or --rate: cut longer gaps between two messages to S seconds",
-    )
-    replay.add_argument(
-        "--from",
-        dest="begin",
-        type=_spot,
-        metavar="WHERE",
-        help=f"begin there: {_SPOT}; with --what-if the first round of the rule",
+        "--from", dest="begin", type=_spot, metavar="WHERE", help=f"begin there: {_SPOT}"
     )
     replay.add_argument(
         "--until", type=_spot, metavar="WHERE", help="end after that round, level or time"
     )
     replay.add_argument("--loop", action="store_true", help="begin again at the end")
     replay.add_argument(
-        "--start-paused", action="store_true", help="put nothing before a key or an order comes"
+        "--paused", action="store_true", help="start paused until a key or a command"
     )
-    replay.add_argument(
-        "--delay", type=_seconds, default=0.0, metavar="S", help="seconds before the first message"
-    )
-    replay.add_argument(
-        "--wait-for-subscribers",
-        action="store_true",
-        help="wait until another session subscribes to a part of the run",
-    )
-    replay.add_argument(
-        "--wait-time",
-        type=_seconds,
-        metavar="S",
-        help="wait for one no longer than so many seconds (default 60)",
-    )
-    replay.add_argument(
-        "--no-keyboard", action="store_true", help="read no keys, even if there is a terminal"
-    )
-
-
-def _add_choice(replay: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--topics",
         action="append",
@@ -108,13 +81,60 @@ def _add_choice(replay: argparse.ArgumentParser) -> None:
         help="leave topics out, can be given several times",
     )
     replay.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)",
+    )
+    replay.add_argument(
+        "--modules",
+        type=_modules,
+        metavar="0-7,9",
+        help="let these modules, or all, be real ones in processes, and the others as on record, up"
+        " to the first divergence",
+    )
+    replay.add_argument(
+        "--log",
+        type=output_path,
+        help="with --modules: record the new run here (default: nowhere)",
+    )
+    _add_more(more_options(replay))
+    _add_live(replay.add_argument_group("more options, with --modules"))
+
+
+def _add_more(more: Any) -> None:
+    more.add_argument(
+        "--max-gap",
+        type=_seconds,
+        metavar="S",
+        help="with --rate: cut longer gaps between two messages to S seconds",
+    )
+    more.add_argument(
         "--remap",
         action="append",
         default=[],
         metavar="FROM=TO",
         help="put a topic, or all that begin so, on another key, can be given several times",
     )
-    replay.add_argument("--run", metavar="ID", help="the run id in the keys (default: a new one)")
+    more.add_argument("--run", metavar="ID", help="the run id in the keys (default: a new one)")
+    more.add_argument(
+        "--wait-for-subscribers",
+        dest="wait_s",
+        type=_seconds,
+        nargs="?",
+        const=_WAIT_S,
+        metavar="S",
+        help="wait until another session subscribes to a part of the run, for S seconds at most"
+        f" (default {_WAIT_S:g})",
+    )
+
+
+def _add_live(live: Any) -> None:
+    live.add_argument("--rule", help="a name or FILE.py:NAME (default: the one on record)")
+    add_fields(live, RunOptions, "processes", "connect", "secure", "wait_for", "patience")
+
+
+def _modules(text: str) -> tuple[int, ...] | str:
+    return _ALL if text == _ALL else module_numbers(text)
 
 
 def _pace(text: str) -> str:
@@ -141,18 +161,17 @@ def _checked(text: str, read: Callable[[str], object]) -> str:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    if branches(options):
-        return branch(options)
+    if options.modules is not None:
+        return _play_live(options)
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
-    if options.rate is not None and options.real_time is not None:
-        raise InputError("--rate and --real-time: expected one of the two")
-    if options.max_gap is not None and options.rate is None and options.real_time is None:
-        raise InputError("--max-gap: expected --real-time or --rate with it")
-    if options.wait_time is not None and not options.wait_for_subscribers:
-        raise InputError("--wait-time: expected --wait-for-subscribers with it")
+    for key in _LIVE[1:]:
+        if getattr(options, key) is not None:
+            raise InputError(f"--{key.replace('_', '-')}: expected --modules with it")
+    if options.max_gap is not None and options.rate is None:
+        raise InputError("--max-gap: expected --rate with it")
     with progress_bar(None, "read", ""):
-        recording = read_recording(options.log)
+        recording = read_recording(options.parent)
     found = _played(options, recording)
     answer(options, found.document(), table(_rows(found)))
     lacking = () if found.lacking is None else (found.lacking,)
@@ -161,41 +180,70 @@ def _replay(options: argparse.Namespace) -> int:
     return DONE if found.agrees else FAILED
 
 
-def _given(options: argparse.Namespace) -> PlayOptions:
-    rate = options.rate if options.real_time is None else f"{options.real_time!r}x"
-    given: PlayOptions = {
-        "rate": rate,
+def _play_live(options: argparse.Namespace) -> int:
+    """Let some modules be real ones, until one does something else than on record."""
+    from cubepath.coordinator.runs.live import replay_live  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    for key in _PLAYER:
+        if getattr(options, key):  # what is not given is None, 0 or empty
+            option = {"begin": "from", "wait_s": "wait-for-subscribers"}.get(key, key)
+            raise InputError(f"--{option.replace('_', '-')}: not with --modules")
+    check_files(options, [options.parent], Output(options.log))
+    with progress_bar(None, "read", ""):
+        recording = read_recording(options.parent)
+    live = None if options.modules == _ALL else options.modules
+    with watched_rounds() as watched:
+        try:
+            found = replay_live(recording, live, **given(options, _LIVE), **watched)
+        except InputError as error:
+            raise with_damage(error, recording) from None
+    answer(options, found.document(), "\n".join(map(visible, _told(found).splitlines())))
+    if found.divergence is not None:
+        complain(f"{recording.path}: {str(found.divergence).splitlines()[0]}")
+    return DONE if found.same else FAILED
+
+
+def _told(found: LiveReplay) -> str:
+    rounds = f"{found.rounds} of {counted(found.recorded_rounds, 'round')}"
+    if found.divergence is None:
+        return f"the same for {rounds}"
+    return f"the same for {rounds}, then\n{found.divergence}"
+
+
+def _player_options(options: argparse.Namespace) -> PlayOptions:
+    found: PlayOptions = {
+        "rate": options.rate,
         "begin": options.begin,
         "until": options.until,
         "loop": options.loop,
-        "paused": options.start_paused,
-        "delay_s": options.delay,
+        "paused": options.paused,
         "max_gap_s": options.max_gap,
-        "wait_for_subscribers": options.wait_for_subscribers,
+        "wait_for_subscribers": options.wait_s is not None,
         "topics": options.topics,
         "exclude": options.exclude,
         "remap": options.remap,
         "run": options.run,
-        "endpoint": options.endpoint,
+        "endpoint": options.listen,
     }
-    if options.wait_time is not None:
-        given["wait_s"] = options.wait_time
-    return given
+    if options.wait_s is not None:
+        found["wait_s"] = options.wait_s
+    return found
 
 
 def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
     """Play it under the keys of a terminal if it takes time, and else to its end."""
-    given = _given(options)
-    takes_time = options.loop or options.start_paused or given.get("rate") not in (None, "max")
+    asked = _player_options(options)
+    takes_time = options.loop or options.paused or asked.get("rate") not in (None, "max")
 
     def announce(endpoint: str, run: str) -> None:
-        if takes_time or any((options.endpoint, options.run, options.wait_for_subscribers)):
+        if takes_time or any((options.listen, options.run, options.wait_s is not None)):
             complain(f"replaying on {endpoint} under cubepath/{run}/**")
 
-    if takes_time and not options.no_keyboard and has_terminal():
+    if takes_time and has_terminal():
         from cubepath.coordinator.playback.player import Player  # noqa: PLC0415
 
-        with Player(recording, hold=False, **given) as player:
+        with Player(recording, hold=False, **asked) as player:
             announce(player.endpoint, player.run)
             step = "level" if recording.clock == "free" else "round"
             play_by_keys(player, options.begin or "0", step)
@@ -203,8 +251,8 @@ def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
     from cubepath.coordinator.playback.player import replay  # noqa: PLC0415
 
     with progress_bar(len(recording.records), "replay", " messages") as bar:
-        given["progress"] = bar.update
-        return replay(recording, announce=announce, **given)
+        asked["progress"] = bar.update
+        return replay(recording, announce=announce, **asked)
 
 
 def _rows(found: ReplayResult) -> list[tuple[str, Any]]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -19,9 +18,9 @@ _WIDE = 100
 """The letters in a line of a table's note."""
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    report = command("report", _report)
+def add_report(report: argparse.ArgumentParser) -> None:
+    """Add the options of ``report``."""
+    report.set_defaults(command=_report)
     report.add_argument("folder", type=Path, metavar="DIR", help="the folder of 'cubepath sweep'")
     report.add_argument(
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"

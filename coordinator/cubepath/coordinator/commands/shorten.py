@@ -1,17 +1,13 @@
-"""The commands ``cubepath shorten`` and ``cubepath convert``: a path in other forms."""
+"""The command ``cubepath shorten``: a path shortened, proved and timed, or in another form."""
 
 from __future__ import annotations
 
 import argparse
-import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.certificates import (
-    add_explain_options,
-    check_explain_options,
-    explain,
-    write_schedule,
-)
 from cubepath.coordinator.commands.console import answer, table
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
@@ -21,114 +17,207 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
-from cubepath.coordinator.commands.plan_options import (
+from cubepath.coordinator.commands.path_options import (
     INPUT_HELP,
+    add_durations,
     add_plan_options,
+    duration_file,
+    given_durations,
     hints,
     plan_rows,
     solved,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand
-from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.explain import TimedPath
+    from cubepath.coordinator.shortening.normal_path import Shortened
+    from cubepath.protocol.path_files.certificates import Certificate
+    from cubepath.protocol.path_files.moves import CubeName
 
-def add_commands(command: AddCommand) -> None:
-    """Add ``shorten`` and ``convert``."""
-    shorten = command("shorten", _shorten)
-    shorten.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
+
+def add_shorten(shorten: argparse.ArgumentParser) -> None:
+    """Add the options of ``shorten``."""
+    shorten.set_defaults(command=_shorten)
+    add_path_options(shorten)
+    add_plan_options(shorten)
     shorten.add_argument(
+        "--explain",
+        action="store_true",
+        help="say which chain of moves proves that no schedule in the class is shorter",
+    )
+    shorten.add_argument(
+        "--certificate",
+        type=output_path,
+        metavar="FILE.json",
+        help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
+    )
+    add_durations(shorten)
+    shorten.add_argument(
+        "--convert",
+        action="store_true",
+        help="shorten nothing: write the moves or cubes of INPUT as they are to the file of -o, in"
+        " the form of its name",
+    )
+
+
+def add_path_options(parser: argparse.ArgumentParser) -> None:
+    """Add INPUT, ``--out`` and ``--system``."""
+    parser.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
+    parser.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         metavar="CUBES.jsonl",
         help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
         " standard output, and the summary goes to standard error",
     )
-    shorten.add_argument(
+    parser.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
-    add_plan_options(shorten)
-    plugin("add_beyond_options")(shorten)
-    add_explain_options(shorten)
-    plugin("add_following_options")(shorten)
-
-    convert = command("convert", _convert)
-    convert.add_argument(
-        "input",
-        type=input_path,
-        metavar="INPUT",
-        help=f"{INPUT_HELP}; or cubes as .npz",
-    )
-    convert.add_argument(
-        "output",
-        type=output_path,
-        metavar="OUTPUT",
-        help="a file whose name ends in .jsonl or .npz; - for JSON Lines on standard output",
-    )
-    convert.add_argument(
-        "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
-    )
-    add_plan_options(convert)
 
 
 def _shorten(options: argparse.Namespace) -> int:
-    if options.following is not None:
-        code: int = plugin("shorten_following")(options)
-        return code
+    if options.convert:
+        return _convert(options)
+    out: Path | None = options.out
+    if options.durations and out is not None and out.suffix.lower() == ".npz":
+        raise InputError(f"{out}: a timetable is JSON Lines, expected another name")
+    check_files(
+        options,
+        [options.input, duration_file(options)],
+        Output(out, PATH_SUFFIXES, stream=True),
+        Output(options.certificate, (".json",)),
+    )
+    found = shortened_input(options)
+    certified = _certified(options, found)
+    if out is not None:
+        with progress_bar(None, "write", ""):
+            if certified.timed is None:
+                write_schedule(out, found, lambda: found.named)
+            else:
+                from cubepath.protocol.path_files.schedules import write_timetable  # noqa: PLC0415
+
+                write_timetable(out, certified.timed.lines())
+    return answer_shortened(options, found, certified)
+
+
+def shortened_input(options: argparse.Namespace) -> Shortened:
+    """Return the input, shortened in its homotopy class."""
     from cubepath.coordinator.shortening.normal_path import shorten  # noqa: PLC0415
 
-    check_explain_options(options)
-    output: Path | None = options.output
-    beyond: str | None = plugin("improving")(options)
-    if output is not None and output.suffix.lower() == ".npz" and beyond is not None:
-        raise InputError(
-            f"{output}: holds moves of the input alone, expected a .jsonl file with {beyond}"
-        )
     with progress_bar(None, "shorten", " moves") as bar:
-        found = shorten(
+        return shorten(
             options.input, system=options.system, progress=bar.update, hints=hints(options)
         )
-    began = time.perf_counter()
-    known = plugin("look_beyond")(options, found)
-    seconds = found.seconds + (0 if known is None else time.perf_counter() - began)
-    told = explain(options, found)
-    if output is not None:
-        with progress_bar(None, "write", ""):
-            write_schedule(output, found, known, told)
+
+
+@dataclass(frozen=True, slots=True)
+class MoreResults:
+    """What a command adds to the answer on a path: keys for ``--json``, rows and lines."""
+
+    document: dict[str, Any]
+    rows: tuple[tuple[str, object], ...] = ()
+    lines: tuple[str, ...] = ()
+    timed: TimedPath | None = None
+
+
+def answer_shortened(options: argparse.Namespace, found: Shortened, more: MoreResults) -> int:
+    """Answer with the counts of a path and `more`; return the exit code."""
+    document = found.document() | more.document
+    document["seconds"] = round(document["seconds"], 3)
     rows: list[tuple[str, object]] = [
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),
         ("cubes", found.cubes),
         ("largest cube", found.max_cube_dimension),
         *plan_rows(found),
-        *plugin("beyond_rows")(known, options.proof),
-        *told.rows,
-        ("time", f"{seconds:.2f} s"),
+        *more.rows,
+        ("time", f"{document['seconds']:.2f} s"),
     ]
-    if options.output is not None:
-        rows.append(("written to", file_name(options.output)))
-    document = found.document() | {"seconds": round(seconds, 3)}
-    document |= ({} if known is None else known.document()) | told.document
-    answer(options, document, "\n".join([table(rows), *map(visible, told.lines)]))
+    if options.out is not None:
+        rows.append(("written to", file_name(options.out)))
+    answer(options, document, "\n".join([table(rows), *map(visible, more.lines)]))
     return solved(options, found.given.unsolved)
+
+
+def write_schedule(
+    out: Path, found: Shortened, named: Callable[[], Sequence[tuple[CubeName, ...]]]
+) -> None:
+    """Write the cubes of a path: those of its class as arrays, or `named` as lines."""
+    if out.suffix.lower() == ".npz":
+        from cubepath.protocol.path_files.npz import write_cubes_npz  # noqa: PLC0415
+
+        write_cubes_npz(out, found.path, found.left)
+    else:
+        from cubepath.protocol.path_files.moves import write_cubes  # noqa: PLC0415
+
+        write_cubes(out, named())
+
+
+def explained(found: Shortened, certificate: Certificate) -> MoreResults:
+    """Return what ``--explain`` adds to an answer."""
+    import msgspec  # noqa: PLC0415
+
+    from cubepath.coordinator.shortening.explain import certificate_in_words  # noqa: PLC0415
+
+    return MoreResults(
+        {"certificate": msgspec.to_builtins(certificate)},
+        lines=("", *certificate_in_words(found.given, certificate)),
+    )
+
+
+def _certified(options: argparse.Namespace, found: Shortened) -> MoreResults:
+    """Return what the options add to the answer, which may be nothing; write the certificate.
+
+    InputError if a file cannot be read or written; CheckError if the certificate does not hold,
+    which would be a bug in this program.
+    """
+    durations = given_durations(options)
+    if not options.explain and options.certificate is None and durations is None:
+        return MoreResults({})
+    from cubepath.coordinator.shortening.explain import certified_path, timed_path  # noqa: PLC0415
+
+    with progress_bar(None, "certificate", ""):
+        certificate = certified_path(found)
+    told = explained(found, certificate) if options.explain else MoreResults({})
+    document, rows, lines = dict(told.document), list(told.rows), list(told.lines)
+    timed = None
+    if durations is not None:
+        with progress_bar(None, "timetable", ""):
+            timed = timed_path(found.given, certificate, durations)
+        document["makespan"] = timed.makespan
+        rows.append(("makespan", timed.makespan))
+        lines += timed.in_words() if options.explain else []
+    if options.certificate is not None:
+        from cubepath.protocol.path_files.certificates import write_certificate  # noqa: PLC0415
+
+        with progress_bar(None, "write", ""):
+            write_certificate(options.certificate, certificate)
+        rows.append(("certificate", options.certificate))
+    return MoreResults(document, tuple(rows), tuple(lines), timed)
 
 
 def _convert(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shortening.conversion import convert  # noqa: PLC0415
 
-    check_files(options, [options.input], Output(options.output, PATH_SUFFIXES, stream=True))
+    for name in ("explain", "certificate", "durations"):
+        if getattr(options, name):
+            raise InputError(f"--{name}: not with --convert, which shortens nothing")
+    if options.out is None:
+        raise InputError("--convert: expected -o FILE with it, a .jsonl or .npz file, or -")
+    check_files(options, [options.input], Output(options.out, PATH_SUFFIXES, stream=True))
     with progress_bar(None, "convert", " moves") as bar:
         found = convert(
             options.input,
-            options.output,
+            options.out,
             system=options.system,
             progress=bar.update,
             hints=hints(options),
         )
-    document = {"what": found.what, "count": found.count, "output": str(options.output)}
-    written = visible(file_name(options.output))
+    document = {"what": found.what, "count": found.count, "output": str(options.out)}
+    written = visible(file_name(options.out))
     answer(options, document, f"{found.count} {found.what} written to {written}")
     return solved(options, found.unsolved)

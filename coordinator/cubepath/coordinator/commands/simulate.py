@@ -20,7 +20,7 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -31,9 +31,9 @@ _SHOWN_MAX = 300
 """Of a line on what failed so many characters are shown; the document and the log have it all."""
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    simulate = command("simulate", _simulate)
+def add_simulate(simulate: argparse.ArgumentParser) -> None:
+    """Add the options of ``simulate``."""
+    simulate.set_defaults(command=_simulate)
     simulate.add_argument(
         "--seeds",
         type=_seeds,
@@ -60,6 +60,7 @@ def add_commands(command: AddCommand) -> None:
         help="simulate runs with rounds, or with keepers and without rounds (default: lockstep)",
     )
     simulate.add_argument(
+        "-o",
         "--out",
         type=Path,
         default=Path("logs"),

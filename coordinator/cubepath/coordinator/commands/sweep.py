@@ -19,7 +19,7 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import Lines, progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.coordinator.commands.usage import more_options, number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 
@@ -30,9 +30,9 @@ _TOLD_MAX = 5
 """So many lines are told of a kind; the document has all."""
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    sweep = command("sweep", _sweep)
+def add_sweep(sweep: argparse.ArgumentParser) -> None:
+    """Add the options of ``sweep``."""
+    sweep.set_defaults(command=_sweep)
     sweep.add_argument(
         "systems",
         nargs="+",
@@ -66,67 +66,67 @@ def add_commands(command: AddCommand) -> None:
         " (by slow_factor), each with one value or several, or none; may be given several times",
     )
     sweep.add_argument(
-        "--core",
-        metavar="CORE",
-        help="where runs are played: compiled, simulated or wire (default: compiled, or simulated"
-        " if something happens to messages)",
+        "--max-rounds", type=whole(0), metavar="N", help="end a run after N rounds (default 1000)"
     )
-    sweep.add_argument(
-        "--timeout",
-        type=number("more than 0 seconds", lambda seconds: seconds > 0),
-        metavar="SECONDS",
-        help="end a run that takes longer (default: none does)",
-    )
-    _add_bounds(sweep)
     sweep.add_argument(
         "-o",
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder for the results, where finished runs are not played again (default: one in"
-        " logs/sweeps that is named by the first SYSTEM)",
+        help="folder for the results; finished runs in it are skipped (default: one in logs/sweeps"
+        " that is named by the first SYSTEM)",
     )
     sweep.add_argument(
-        "--record", action="store_true", help="keep a recording of each run with messages"
+        "--log", action="store_true", help="keep a recording of each run with messages"
     )
     sweep.add_argument(
         "--jobs", type=whole(1), metavar="N", help="processes (default: one for each core)"
     )
-    sweep.add_argument(
-        "--cluster", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
-    )
     sweep.add_argument("--dry-run", action="store_true", help="list what would be played")
+    _add_more(more_options(sweep))
 
 
-def _add_bounds(sweep: argparse.ArgumentParser) -> None:
-    sweep.add_argument(
-        "--max-rounds", type=whole(0), metavar="N", help="end a run after N rounds (default 1000)"
+def _add_more(more: Any) -> None:
+    more.add_argument(
+        "--core",
+        metavar="CORE",
+        help="where runs are played: compiled, simulated or wire (default: compiled, or simulated"
+        " if something happens to messages)",
     )
-    sweep.add_argument(
+    more.add_argument(
+        "--timeout",
+        type=number("more than 0 seconds", lambda seconds: seconds > 0),
+        metavar="SECONDS",
+        help="end a run that takes longer (default: none does)",
+    )
+    more.add_argument(
         "--processes",
         type=whole(1),
         metavar="N",
         help="module processes of a run with messages (default 4)",
     )
-    sweep.add_argument(
+    more.add_argument(
         "--keepers",
         type=whole(1),
         metavar="N",
         help="keepers of a run with messages and without rounds (default 4)",
     )
-    sweep.add_argument(
-        "--optimum",
+    more.add_argument(
+        "--max-states",
         type=whole(0),
         metavar="STATES",
-        help="search for the fewest cubes from start to goal, keeping so many states at most"
+        help="search for the fewest cubes from start to goal, keeping STATES states at most"
         " (default 0: no search)",
     )
-    sweep.add_argument(
-        "--improve",
+    more.add_argument(
+        "--steps",
         type=whole(0),
         metavar="STEPS",
-        help="search for a path with few cubes from start to goal in so many steps, from what the"
+        help="search for a path with few cubes from start to goal in STEPS steps, from what the"
         " family's rule does with seed 0 (default 0: no search)",
+    )
+    more.add_argument(
+        "--connect", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
     )
 
 
@@ -156,8 +156,8 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         "max_rounds": options.max_rounds,
         "processes": options.processes,
         "keepers": options.keepers,
-        "optimum": options.optimum,
-        "improve": options.improve,
+        "optimum": options.max_states,
+        "improve": options.steps,
         "timeout_s": options.timeout,
     }
     return {key: value for key, value in named.items() if value is not None}
@@ -244,8 +244,8 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
                 expansion,
                 folder,
                 jobs=options.jobs or cores(),
-                cluster=options.cluster,
-                record=options.record,
+                cluster=options.connect,
+                record=options.log,
                 watch=watch,
                 begin=begin,
                 apart=expansion.foreign,

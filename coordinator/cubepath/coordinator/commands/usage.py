@@ -6,14 +6,16 @@ Every usage error is one line that says where to find help, and ends the command
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import re
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NoReturn
 
 from cubepath.coordinator.commands.console import BAD_INPUT, complain, say
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.options import OptionField, option_fields
 
 
 class Parser(argparse.ArgumentParser):
@@ -56,13 +58,13 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             what = "command" if action.dest is argparse.SUPPRESS else "value"
             names = list(map(str, action.choices))
-            where = f"argument {'/'.join(action.option_strings)}: " if action.option_strings else ""
+            where = f"{'/'.join(action.option_strings)}: " if action.option_strings else ""
             message = f"{where}unknown {what} {value!r}{did_you_mean(str(value), names)}"
             self.error(f"{message}, expected one of {', '.join(names)}")
 
     def error(self, message: str) -> NoReturn:
         """Write the error in one line, and exit with code 2."""
-        line = " ".join(message.split())
+        line = " ".join(message.split()).removeprefix("argument ")
         complain(f"{line}; see '{self.prog} --help'")
         self.exit(BAD_INPUT)
 
@@ -73,14 +75,52 @@ class Parser(argparse.ArgumentParser):
             super()._print_message(message, file)
 
 
-class AddCommand(Protocol):
-    """Adds a command of this name and function; returns its parser."""
+def more_options(parser: argparse.ArgumentParser) -> Any:
+    """Return the group of the options of a command that few need, which the help lists last."""
+    return parser.add_argument_group("more options")
 
-    def __call__(
-        self, name: str, function: Callable[[argparse.Namespace], int], /
-    ) -> argparse.ArgumentParser:
-        """Add the command."""
-        ...
+
+def add_fields(
+    parser: Any, struct: type, *names: str, types: Mapping[str, Callable[[str], Any]] | None = None
+) -> None:
+    """Add options for fields of a dataclass; what is not given stays None.
+
+    `types` has what reads the values of fields that are paths.
+    """
+    for name in names:
+        field = option_fields(struct)[name]
+        about: dict[str, Any] = {"help": field.meta.description, **(field.meta.extra or {})}
+        if field.kind is bool:
+            about |= {"action": "store_const", "const": True}
+        elif field.choices:
+            about["choices"] = field.choices
+        elif field.kind in {int, float}:
+            about["type"] = _number_of(field)
+        else:
+            about["type"] = (types or {}).get(name, field.kind)
+        parser.add_argument(f"--{field.key}", **about)
+
+
+def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Return which of these options were given, with their values."""
+    found = {name: getattr(options, name) for name in names}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _number_of(field: OptionField) -> Callable[[str], float]:
+    """Return the type of an option whose value is a number within the bounds of a field."""
+    whole_number = field.kind is int
+    expected = f"a {'whole ' if whole_number else ''}number, {field.expected}"
+
+    def read(text: str) -> float:
+        with contextlib.suppress(ValueError):
+            if not whole_number or _WHOLE.fullmatch(text):
+                found = int(text) if whole_number else float(text)
+                if field.fits(found):
+                    return found
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+
+    return read
 
 
 _WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)

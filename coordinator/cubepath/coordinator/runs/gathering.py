@@ -57,7 +57,7 @@ def gathered_in_full(recording: Recording) -> Gathered:
             there = len(recording.records)
             raise InputError(
                 f"{recording.path}: {why}; it holds {there} of the {there + left_out(recording)}"
-                " messages of a longer recording ('cubepath merge' puts parts together)"
+                " messages of a longer recording ('cubepath log merge' puts parts together)"
             )
     return found
 

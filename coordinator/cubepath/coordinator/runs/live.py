@@ -104,7 +104,7 @@ class LiveReplay:
         return self.divergence is None
 
     def document(self) -> dict[str, Any]:
-        """Return the keys of ``cubepath replay --live --json``."""
+        """Return the keys of ``cubepath replay --modules --json``."""
         found = self.divergence
         told = None
         if found is not None:

@@ -6,17 +6,17 @@ import platform
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from cubepath.agents.free.fleet import ON_CRASH, OnCrash
+from cubepath.agents.free.fleet import OnCrash
 from cubepath.agents.processes.network import Network
-from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
-from cubepath.agents.rules.registry import CLOCKS, own_rule, rule_for, rule_named
+from cubepath.agents.rules.registry import own_rule, rule_for, rule_named
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, Recorded
+from cubepath.coordinator.runs.options import SPEED_MAX, RunOptions
 from cubepath.coordinator.runs.schedule import (
     Assignment,
     assignment_of,
@@ -26,13 +26,12 @@ from cubepath.coordinator.runs.schedule import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.given import real_number, whole_number
+from cubepath.protocol.core.options import check_options
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.tiles import Tiles
 
 MAX_ROUNDS = 1000
-SPEED_MAX = 10_000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("ready", "said", "reports", "again", "waiting")
@@ -41,7 +40,7 @@ _SAID_HERE = ("go", "refused", "edges", "cube", "certificate", "summary")
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(RunOptions):
     """What to run; `rule` None means the rule of the system's family, which reaches the goal.
 
     With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None then
@@ -58,41 +57,6 @@ class Plan:
     """A name with keys, the path of a TOML file, or a scene; None is "hex"."""
     rule: str | None = None
     """A name or ``FILE.py:NAME``; module processes find it by that."""
-    seed: int = 0
-    hesitate: float = 0.0
-    """With this probability a module skips a round."""
-    processes: int = 4
-    """Processes to spread the modules over; 0 keeps them in a thread here."""
-    max_rounds: int | None = None
-    log: Path | None = None
-    """The recording to write; None is a new file in the folder ``logs``."""
-    schedule: Path | None = None
-    repair: bool = False
-    patience: float = PATIENCE_S
-    """For how many seconds nothing may come of a phase before the run ends."""
-    listen: str | None = None
-    """Where the run's router listens, ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; else privately."""
-    connect: str | None = None
-    """Instead, where a router listens already."""
-    secure: Path | None = None
-    """The folder of certificates, for TLS."""
-    wait_for: int = 0
-    """How many processes join from elsewhere; `processes` have what modules those leave."""
-    clock: Literal["lockstep", "free"] = "lockstep"
-    """With rounds, or without; the rest is for runs without."""
-    keepers: int = 4
-    """Processes that keep the sites."""
-    speeds: Mapping[int, float] = field(default_factory=dict)
-    """By module how many times longer it thinks than 10 ms; the others do not think at all."""
-    jitter: float = 0.0
-    """By what share at most it thinks longer than that, at random."""
-    on_crash: OnCrash = "stop"
-    """What happens when a process has died."""
-    resume: Path | None = None
-    """The recording of a run that was cut off, to be taken up where its keepers' logs end."""
-    log_time: Literal["round", "level", "wall"] | None = None
-    """What the log time of messages is: the round, or without rounds the greatest level so far (by
-    default), or the wall clock."""
 
     @property
     def network(self) -> Network:
@@ -186,17 +150,6 @@ class Task:
 def task_of(plan: Plan) -> Task:
     """Return the task of a plan; InputError names what cannot be run."""
     _check_types(plan)
-    if not 0.0 <= plan.hesitate < 1.0:
-        raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
-    for key, number in (("seed", plan.seed), ("processes", plan.processes)):
-        if number < 0:
-            raise InputError(f"{key}={number}: expected 0 or more")
-    if plan.max_rounds is not None and plan.max_rounds < 0:
-        raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
-    if not 0.0 < plan.patience < PATIENCE_S_MAX:
-        raise InputError(
-            f"patience={plan.patience}: expected more than 0 and less than {PATIENCE_S_MAX:g} s"
-        )
     (_check_free if plan.is_free else _check_lockstep)(plan)
     if plan.schedule is not None:
         return _task_of_schedule(plan, plan.schedule)
@@ -210,36 +163,23 @@ def task_of(plan: Plan) -> Task:
     return Task(scene, rule, most)
 
 
-_WHOLE = ("seed", "processes", "wait_for", "keepers", "max_rounds")
-_REAL = ("hesitate", "patience", "jitter")
-_CHOICES = {"clock": CLOCKS, "log_time": ("round", "level", "wall")}
 _TYPES: tuple[tuple[str, tuple[type, ...], str], ...] = (
     ("system", (str, Scene), "a name, a file or a scene"),
     ("rule", (str,), "the name of a rule, or FILE.py:NAME"),
     ("speeds", (Mapping,), "factors by module, as in {0: 2.0}"),
-    *((key, (Path,), "a path") for key in ("log", "schedule", "secure", "resume")),
 )
 
 
 def _check_types(plan: Plan) -> None:
-    """Refuse fields of other types than a plan has."""
+    """Refuse fields of other types than a plan has, or out of their bounds."""
     for key, kinds, expected in _TYPES:
         value = getattr(plan, key)
         if value is not None and not isinstance(value, kinds):
             raise InputError(f"{key}={value!r}: expected {expected}")
-    for key in _WHOLE:
-        if getattr(plan, key) is not None:
-            whole_number(key.replace("_", "-"), getattr(plan, key))
-    for key in _REAL:
-        real_number(key, getattr(plan, key))
+    check_options(plan)
     for module, factor in plan.speeds.items():
         whole_number("speed of module", module)
         real_number(f"speed={module}", factor)
-    for key, known in _CHOICES.items():
-        value = getattr(plan, key)
-        if value not in known and (key, value) != ("log_time", None):
-            name, near = key.replace("_", "-"), did_you_mean(str(value), known)
-            raise InputError(f"{name}={value}{near}: expected one of {', '.join(known)}")
 
 
 def _check_lockstep(plan: Plan) -> None:
@@ -269,17 +209,11 @@ def _check_free(plan: Plan) -> None:
         raise InputError("log-time=round: without rounds (clock=free), expected level or wall")
     if plan.processes < 1:
         raise InputError(f"processes={plan.processes}: expected 1 or more with clock=free")
-    if not 1 <= plan.keepers <= Tiles.keepers_max:
-        raise InputError(f"keepers={plan.keepers}: expected 1 to {Tiles.keepers_max}")
     for module, factor in plan.speeds.items():
         if not 0.0 < factor <= SPEED_MAX:
             raise InputError(
                 f"speed={module}={factor:g}: expected more than 0 and at most {SPEED_MAX}"
             )
-    if not 0.0 <= plan.jitter <= SPEED_MAX:
-        raise InputError(f"jitter={plan.jitter:g}: expected 0 to {SPEED_MAX}")
-    if plan.on_crash not in ON_CRASH:
-        raise InputError(f"on-crash={plan.on_crash}: expected one of {', '.join(ON_CRASH)}")
 
 
 def _check_speeds(plan: Plan, scene: Scene) -> None:

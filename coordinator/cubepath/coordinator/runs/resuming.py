@@ -234,7 +234,10 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
     recording = read_recording(path)
     told = recording.parameters
     if recording.clock != "free":
-        raise InputError(f"{path}: a run in rounds, expected one without (clock=free)")
+        raise InputError(
+            f"{path}: a run in rounds, expected --round N, the first round of another rule; only a"
+            " run without rounds is resumed where it ended"
+        )
     if "schedule" in told:
         raise InputError(f"{path}: a run of a schedule, expected one of a rule")
     logs = file_within(path.parent, keeper_logs(path).name)

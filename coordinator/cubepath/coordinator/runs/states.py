@@ -104,7 +104,7 @@ def states_of(recording: Recording) -> Iterator[State]:
     if left_out(recording) and not is_beginning(recording):
         raise InputError(
             f"{recording.path}: holds {len(recording.records)} messages of a longer recording,"
-            " expected all from its beginning ('cubepath merge' puts parts together)"
+            " expected all from its beginning ('cubepath log merge' puts parts together)"
         )
     check_from_the_start(recording)
     first = recording.counts().first_wall_ns or 0

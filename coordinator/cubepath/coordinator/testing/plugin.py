@@ -208,7 +208,9 @@ def pytest_runtest_makereport(
         report.longrepr = line or report.longrepr
         lines = [line for teller in item.stash.get(_TOLD, []) for line in teller.told()]
         if lines:
-            text = "\n".join([*lines, "to look at one: cubepath info FILE, or cubepath view FILE"])
+            text = "\n".join(
+                [*lines, "to look at one: cubepath log info FILE, or cubepath view FILE"]
+            )
             report.sections.append(("cubepath", text))
     return report
 

@@ -1,6 +1,6 @@
 """Whether a recording that has lost its scene can be of the one that is told.
 
-Part of `cubepath verify --recover`: what cannot be is found at the first message that contradicts
+Part of `cubepath log recover -o`: what cannot be is found at the first message that contradicts
 it; what comes of all of them is for `verify` to say.
 """
 

@@ -315,7 +315,7 @@ def read_undamaged(source: Recording | Source) -> Recording:
         path = recording.path
         raise InputError(
             f"{path}: {'; '.join(recording.problems)}."
-            f" 'cubepath verify {path} --recover OUT' writes what can be read"
+            f" 'cubepath log recover {path} -o OUT' writes what can be read"
         )
     return recording
 

@@ -58,7 +58,8 @@ def certificate_files(folder: Path, name: str) -> tuple[Path, Path, Path]:
             path.open("rb").close()
         except OSError as error:
             raise InputError(
-                f"{path}: {error.strerror or error}, expected what 'cubepath certificates' writes"
+                f"{path}: {error.strerror or error}, expected what 'cubepath host certificates'"
+                " writes"
             ) from None
     return files
 

@@ -1,4 +1,4 @@
-"""``shorten --prove``: what it says, writes and refuses, and how it is ended."""
+"""``improve --prove``: what it says, writes and refuses, and how it is ended."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ HEX = str(GOLDEN / "hex-5.mcap")
 GRID = str(ROOT / "tests" / "data" / "agv" / "grid8-12agents.json")
 ALGAE = str(ROOT / "tests" / "data" / "agv" / "cgshop2021-algae.json")
 Capture = pytest.CaptureFixture[str]
-PROVE = ("--prove", "60", "--effort", "1")
+PROVE = ("--prove", "60", "--steps", "1")
 """Time for the proof alone: other stages are bounded by steps."""
-ENDLESS = ("--prove", "600", "--effort", "1", "--max-states", "9")
+ENDLESS = ("--prove", "600", "--steps", "1", "--max-states", "9")
 """The proof begins at once, and is not soon over."""
 
 
@@ -44,7 +44,7 @@ def stage(found: dict[str, Any], name: str = "proof") -> dict[str, Any]:
 @pytest.mark.slow
 def test_the_time_of_a_command_includes_its_search(capsys: Capture) -> None:
     """The seconds of the command are no fewer than those of its longest stage."""
-    found = document(capsys, "shorten", HEX, "--improve", "0.5", "--max-states", "9")
+    found = document(capsys, "improve", HEX, "--seconds", "0.5", "--max-states", "9")
     longest = max(each["seconds"] for each in found["spent"])
     assert found["seconds"] >= longest - 0.001
     assert longest > 0.05
@@ -55,7 +55,7 @@ def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> N
     """The schedule comes out like any other, and the proof beside it."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "path.proof"
     options = (*PROVE, "--max-states", "9", "--proof", str(proof), "-o", str(cubes))
-    found = document(capsys, "shorten", HEX, *options)
+    found = document(capsys, "improve", HEX, *options)
     keys = ("improved", "lower_bound", "optimal", "proved_by", "agreed", "proof")
     assert [found[key] for key in keys] == [13, 13, True, "SAT solver", None, str(proof)]
     assert stage(found)["ended"] == "done"
@@ -69,7 +69,7 @@ def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> N
 def test_all_seeds_find_the_same_numbers(seed: str, capsys: Capture) -> None:
     """The optimum is one, whatever the path."""
     options = (*PROVE, "--seed", seed, "--max-states", "9")
-    found = document(capsys, "shorten", HEX, *options)
+    found = document(capsys, "improve", HEX, *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (13, 13, True)
 
 
@@ -78,7 +78,7 @@ def test_vehicles_with_goals_of_their_own_keep_them(tmp_path: Path, capsys: Capt
     """The clauses know labels, the schedule that is written does not."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "grid.proof"
     options = (*PROVE, "--proof", str(proof), "-o", str(cubes))
-    found = document(capsys, "shorten", GRID, *options)
+    found = document(capsys, "improve", GRID, *options)
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (11, 11, True)
     assert found["proof"] == str(proof)
     assert check(proof.read_bytes())[:3] == (10, 11, True)
@@ -100,7 +100,7 @@ def moves_of(folder: Path, *moves: Sequence[str]) -> str:
 def test_no_time_is_no_failure(seconds: str, tmp_path: Path, capsys: Capture) -> None:
     """What is known is told, and whether a proof was written; with no time at all there is none."""
     proof = tmp_path / "a.proof"
-    assert main(["shorten", GRID, "--prove", seconds, "--proof", str(proof)]) == 0
+    assert main(["improve", GRID, "--prove", seconds, "--proof", str(proof)]) == 0
     told = capsys.readouterr().out
     none = "proof             none: no length was refuted by clauses" in told
     assert none != proof.exists()
@@ -114,7 +114,7 @@ def test_a_file_that_is_not_written_is_left_as_it_was(tmp_path: Path, capsys: Ca
     """So that nobody takes an earlier proof for one of this path, the summary says so."""
     proof = tmp_path / "a.proof"
     proof.write_text("of another path")
-    assert main(["shorten", GRID, "--prove", "0", "--proof", str(proof)]) == 0
+    assert main(["improve", GRID, "--prove", "0", "--proof", str(proof)]) == 0
     assert f"refuted by clauses; {proof} is left as it was\n" in capsys.readouterr().out
     assert proof.read_text() == "of another path"
 
@@ -123,7 +123,7 @@ def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
     """No others exist, so the clauses are about these."""
     moves = moves_of(tmp_path, "ab", "bc", "cd", "xy")
     proof = tmp_path / "a.proof"
-    found = document(capsys, "shorten", moves, "--prove", "60", "--proof", str(proof))
+    found = document(capsys, "improve", moves, "--prove", "60", "--proof", str(proof))
     assert (found["cubes"], found["improved"], found["lower_bound"]) == (3, 3, 3)
     assert (found["proved_by"], found["proof"]) == ("exhaustive search", str(proof))
     assert check(proof.read_bytes())[:3] == (2, 3, True)
@@ -133,7 +133,7 @@ def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
 def test_a_path_to_where_it_begins(moves: tuple[str, ...], tmp_path: Path, capsys: Capture) -> None:
     """Nothing is shorter than no cubes: there is no length to refute."""
     options = ("--prove", "60", "--proof", str(tmp_path / "a.proof"))
-    found = document(capsys, "shorten", moves_of(tmp_path, *moves), *options)
+    found = document(capsys, "improve", moves_of(tmp_path, *moves), *options)
     assert (found["cubes"], found["improved"], found["optimal"]) == (0, 0, True)
     assert found["proof"] is None
     assert stage(found)["why"] == "a path without cubes needs no proof"
@@ -142,7 +142,7 @@ def test_a_path_to_where_it_begins(moves: tuple[str, ...], tmp_path: Path, capsy
 def test_one_round(tmp_path: Path, capsys: Capture) -> None:
     """No path has no round where the ends differ: the windows say so."""
     options = ("--prove", "60", "--proof", str(tmp_path / "a.proof"))
-    found = document(capsys, "shorten", moves_of(tmp_path, "ab", "xy"), *options)
+    found = document(capsys, "improve", moves_of(tmp_path, "ab", "xy"), *options)
     assert (found["cubes"], found["improved"], found["optimal"]) == (1, 1, True)
     assert found["proof"] is not None
 
@@ -150,7 +150,7 @@ def test_one_round(tmp_path: Path, capsys: Capture) -> None:
 @pytest.mark.slow
 def test_what_is_too_large_is_told_in_its_row(tmp_path: Path, capsys: Capture) -> None:
     """Why nothing was proved, without a proof file."""
-    assert main(["shorten", ALGAE, "--prove", "2", "--proof", str(tmp_path / "a.proof")]) == 0
+    assert main(["improve", ALGAE, "--prove", "2", "--proof", str(tmp_path / "a.proof")]) == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if " proof 0.0 s" in line)
     assert row.strip() == "proof 0.0 s (0 problems, clauses for 160 labels, 64 at most)"
     assert list(tmp_path.iterdir()) == []
@@ -162,55 +162,9 @@ def test_too_many_listed_moves_are_told(
     """They are not looked at one by one."""
     monkeypatch.setattr(stages, "_LISTED_MAX", 2)
     moves = moves_of(tmp_path, "ab", "bc", "cd")
-    found = document(capsys, "shorten", moves, *PROVE, "--proof", str(tmp_path / "a.proof"))
+    found = document(capsys, "improve", moves, *PROVE, "--proof", str(tmp_path / "a.proof"))
     assert stage(found)["ended"] == "limit"
     assert stage(found)["why"] == "clauses for 3 moves, 2 at most"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            "--proof a.proof",
-            "--proof: says where to write what --prove SECONDS has proved, which is missing",
-        ),
-        ("--prove 1 --proof a.json", "a.json: found the suffix .json, expected one of .proof"),
-        ("--prove 1 --proof no/a.proof", "no/a.proof: there is no folder no, expected one"),
-        ("--prove 1 --proof folder.proof", "folder.proof: a folder, expected a file to write"),
-        ("--prove 1 --proof run.proof", "run.proof: is a recording, which is kept: expected"),
-        ("--prove 1 --proof moves.proof", "moves.proof: is an input, expected another file"),
-        ("--prove 1 --proof -", "standard output: takes moves and cubes alone, expected a file"),
-        ("--prove 1 --proof a.proof -o a.proof", "a.proof: is to be written twice, expected two"),
-        ("--prove 1 --certificate a.json", "--certificate is for the homotopy class of the input,"),
-        ("--prove 1 -o a.npz", "a.npz: holds moves of the input alone, expected a .jsonl file"),
-    ],
-)
-def test_options_are_looked_at_before_the_work(
-    options: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    """One line, exit code 2, and nothing is written."""
-    monkeypatch.chdir(tmp_path)
-    moves_of(tmp_path, "ab", "bc")
-    (tmp_path / "folder.proof").mkdir()
-    (tmp_path / "run.proof").write_bytes(Path(HEX).read_bytes())
-    (tmp_path / "moves.proof").symlink_to("moves.jsonl")
-    before = sorted(tmp_path.iterdir())
-    assert main(["shorten", "moves.jsonl", *options.split()]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith(f"cubepath: {message}")
-    assert told.err.count("\n") == 1
-    assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "soon"])
-def test_seconds_are_a_number(seconds: str, capsys: Capture) -> None:
-    """Finite, and 0 or more."""
-    with pytest.raises(SystemExit) as stopped:
-        main(["shorten", HEX, f"--prove={seconds}"])
-    assert stopped.value.code == 2
-    told = capsys.readouterr().err
-    assert f"--prove: expected a number of seconds, 0 or more, found '{seconds}'" in told
 
 
 @pytest.mark.slow
@@ -224,10 +178,10 @@ def test_without_the_library_it_says_how_to_get_it(tmp_path: Path) -> None:
         "PathFinder.find_spec = missing\n"
     )
     where = os.environ | {"PYTHONPATH": str(tmp_path)}
-    done = cubepath("shorten", HEX, "--prove", "1", env=where)
+    done = cubepath("improve", HEX, "--prove", "1", env=where)
     expected = "cubepath: a proof takes the library python-sat: pip install 'cubepath[proofs]'\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
-    assert cubepath("shorten", HEX, "--bounds", env=where).returncode == 0
+    assert cubepath("improve", HEX, "--bounds", env=where).returncode == 0
 
 
 @pytest.mark.thorough
@@ -235,7 +189,7 @@ def test_an_interrupt_ends_it_as_the_time_does(tmp_path: Path) -> None:
     """With what is known by then; and no process and no file is left."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    line = [*PYTHON, "shorten", chain(tmp_path), *ENDLESS, "--json"]
+    line = [*PYTHON, "improve", chain(tmp_path), *ENDLESS, "--json"]
     where = os.environ | {"TMPDIR": str(temporary)}
     with subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=where
@@ -256,7 +210,7 @@ def test_solvers_end_with_the_command(by: signal.Signals, tmp_path: Path) -> Non
     """However that ends."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    line = [*PYTHON, "shorten", chain(tmp_path), *ENDLESS]
+    line = [*PYTHON, "improve", chain(tmp_path), *ENDLESS]
     where = os.environ | {"TMPDIR": str(temporary)}
     with subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=where

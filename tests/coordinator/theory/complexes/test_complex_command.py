@@ -28,16 +28,6 @@ def answer(capture: Capture, *arguments: str, code: int = 0) -> dict[str, object
     return document
 
 
-@pytest.mark.parametrize("spec", ["hex:n=7", "hex:n=30"])
-def test_what_has_no_end_is_told_so_at_once(spec: str, capsys: Capture) -> None:
-    """One line that says who wanders off, and what can be asked for instead."""
-    assert main(["complex", spec]) == 2
-    seen = capsys.readouterr()
-    assert (seen.out, seen.err.count("\n")) == ("", 1)
-    assert f"{spec}: endless, since" in seen.err
-    assert "all modules on by [1, 0], again and again: expected --shape" in seen.err
-
-
 def test_all_that_is_asked_for_is_answered(capsys: Capture) -> None:
     """Counts, homology, links, contractibility of the arm with five segments."""
     found = answer(capsys, "arm:n=5", "--homology", "--link")
@@ -170,15 +160,6 @@ def test_too_many_shapes_are_told_as_too_many_states(capsys: Capture) -> None:
     assert found["complex"] == "shape complex"
 
 
-@pytest.mark.parametrize("number", ["0", "-3", "x", "1.5"])
-def test_a_limit_is_a_whole_number(number: str, capsys: Capture) -> None:
-    """Usage errors name what was expected."""
-    with pytest.raises(SystemExit) as stopped:
-        main(["complex", "arm", f"--max-states={number}"])
-    assert stopped.value.code == 2
-    assert f"expected a whole number of at least 1, found {number!r}" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", ["arm:n=4", "agv:graph=P4,n=1", "agv:graph=grid2x2,n=4"])
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
@@ -187,28 +168,6 @@ def test_a_complex_is_drawn(spec: str, suffix: str, tmp_path: Path, capsys: Capt
     path = tmp_path / f"picture{suffix}"
     answer(capsys, spec, "-o", str(path))
     assert path.stat().st_size > 1000
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ["arm:n=4", "-o", "arm.txt"],
-            "arm.txt: found the suffix .txt, expected one of .json",
-        ),
-        (["agv", "--shape"], "no lattice"),
-        (["nothing"], "unknown system 'nothing'"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(
-    arguments: list[str], message: str, capsys: Capture
-) -> None:
-    """Exit code 2, nothing on standard output."""
-    assert main(["complex", *arguments]) == 2
-    seen = capsys.readouterr()
-    assert seen.out == ""
-    assert message in seen.err
-    assert len(seen.err.splitlines()) == 1
 
 
 def test_what_is_too_large_is_not_drawn(tmp_path: Path, capsys: Capture) -> None:

@@ -126,7 +126,7 @@ def test_grid8_by_the_command(
     """The optima of docs/following.md, written and checked."""
     given, output = AGV / "grid8-12agents.json", tmp_path / "best.jsonl"
     options = ["--following", rule, "--prove", "60", "-o", str(output), "--json"]
-    assert main(["shorten", str(given), *options]) == 0
+    assert main(["improve", str(given), *options]) == 0
     found = json.loads(capsys.readouterr().out)
     keys = ("rounds", "improved", "lower_bound", "agreed", "optimal")
     assert tuple(found[key] for key in keys) == told

@@ -364,16 +364,16 @@ def test_the_command_line_says_which_gap_is_left(
     path = loop(tmp_path / "ring.jsonl")
     code, out, _ = run(capsys, "shorten", path, "--json")
     assert (code, "improved" in json.loads(out)) == (0, False)
-    _, out, _ = run(capsys, "shorten", path, "--bounds", "--json")
+    _, out, _ = run(capsys, "improve", path, "--bounds", "--json")
     keys = ("cubes", "improved", "lower_bound", "optimal", "only_class")
     assert [json.loads(out)[key] for key in keys] == [5, None, 1, False, None]
     cubes = tmp_path / "cubes.jsonl"
     code, out, _ = run(
-        capsys, "shorten", path, "--improve", 0.2, "--seed", 2, "-o", cubes, "--json"
+        capsys, "improve", path, "--seconds", 0.2, "--seed", 2, "-o", cubes, "--json"
     )
     assert [json.loads(out)[key] for key in keys] == [5, 1, 1, True, None]
     assert list(read_cubes(cubes)) == [(5,)]
-    _, out, _ = run(capsys, "shorten", path, "--improve", 0.1)
+    _, out, _ = run(capsys, "improve", path, "--seconds", 0.1)
     assert "improved       1\n" in out
     assert "lower bound    1" in out
 

@@ -165,7 +165,7 @@ def test_an_interrupt_ends_the_search_and_keeps_what_is_known(when: str) -> None
 
 
 def shortened(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, Any, str]:
-    code = main(["shorten", *map(str, arguments)])
+    code = main(["improve", *map(str, arguments)])
     told = capsys.readouterr()
     return code, told.out, told.err
 
@@ -183,7 +183,7 @@ def test_effort_counts_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     write_lines(path, lines)
     documents = []
     for _ in range(2):
-        code, out, error = shortened(capsys, path, "--effort", 15, "--max-states", 9, "--json")
+        code, out, error = shortened(capsys, path, "--steps", 15, "--max-states", 9, "--json")
         assert (code, error) == (0, "")
         document = json.loads(out)
         for stage in document["spent"]:
@@ -193,9 +193,9 @@ def test_effort_counts_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert documents[0] == documents[1]
     assert documents[0]["spent"][-1] == {"stage": "search", "steps": 15, "ended": "limit"}
     assert documents[0]["improved"] <= documents[0]["cubes"]
-    _, out, _ = shortened(capsys, path, "--effort", 3, "--max-states", 9)
+    _, out, _ = shortened(capsys, path, "--steps", 3, "--max-states", 9)
     assert "search" in out.partition("spent on")[2]
     assert "3 attempts, at its limit" in out
-    code, _, error = shortened(capsys, path, "--effort", 3, "--improve", 1)
+    code, _, error = shortened(capsys, path, "--steps", 3, "--seconds", 1)
     assert (code, error.count("\n")) == (2, 1)
-    assert "--improve and --effort" in error
+    assert "--seconds and --steps" in error

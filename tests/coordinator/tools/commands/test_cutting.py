@@ -1,9 +1,8 @@
-"""`cubepath filter`, `split` and `merge`: recordings in, recordings out."""
+"""`cubepath log filter`, `split` and `merge`: recordings in, recordings out."""
 
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
-from processes.command_line import GOLDEN, refused
+from processes.command_line import GOLDEN
 
 Capture = pytest.CaptureFixture[str]
 LOG = str(GOLDEN / "agv-3.mcap")
@@ -32,9 +31,9 @@ def answered(capsys: Capture, *arguments: str) -> Any:
 
 def test_split_and_merged_it_is_the_recording(capsys: Capture) -> None:
     """The parts are named after the recording, and all of them make it again."""
-    found = answered(capsys, "split", LOG, "-o", "parts", "--rounds", "6")
+    found = answered(capsys, "log", "split", LOG, "-o", "parts", "--rounds", "6")
     assert found["parts"] == [f"parts/agv-3-00{number}.mcap" for number in range(3)]
-    told = answered(capsys, "merge", *reversed(found["parts"]), "-o", "whole.mcap")
+    told = answered(capsys, "log", "merge", *reversed(found["parts"]), "-o", "whole.mcap")
     assert told == {"messages": 242, "recordings": 3, "output": "whole.mcap"}
     whole = read_recording(Path("whole.mcap"))
     assert list(whole.records) == list(read_recording(LOG).records)
@@ -42,7 +41,7 @@ def test_split_and_merged_it_is_the_recording(capsys: Capture) -> None:
 
 def test_verify_says_why_a_part_is_not_complete(capsys: Capture) -> None:
     """It was cut from a longer one, which is not the same as a run that was cut off."""
-    answered(capsys, "filter", LOG, "late.mcap", "--from", "3")
+    answered(capsys, "log", "filter", LOG, "-o", "late.mcap", "--from", "3")
     assert main(["verify", "late.mcap"]) == 0
     kept = len(read_recording(Path("late.mcap")).records)
     last = capsys.readouterr().out.splitlines()[-2:]
@@ -56,45 +55,12 @@ def test_verify_says_why_a_part_is_not_complete(capsys: Capture) -> None:
 def test_a_filter_says_how_much_it_took(capsys: Capture) -> None:
     """Patterns may be given several times; the parameters of the result say what was taken."""
     arguments = ["--topics", "reports", "--topics", "ready/*", "--exclude", "*_1", "--until", "4"]
-    found = answered(capsys, "filter", LOG, "some.mcap", *arguments)
+    found = answered(capsys, "log", "filter", LOG, "-o", "some.mcap", *arguments)
     kept = list(read_recording(Path("some.mcap")).records)
     assert found == {"messages": len(kept), "of": 242, "output": "some.mcap"}
     assert {record.topic for record in kept} == {*("reports/process_0", "ready/process_0")}
-    told = answered(capsys, "info", "some.mcap")["parameters"]
+    told = answered(capsys, "log", "info", "some.mcap")["parameters"]
     assert told["filtered"] == "topics reports ready/*, without *_1, until 4"
     assert told["whole_messages"] == "242"
     assert main(["verify", "some.mcap"]) == 0
     assert f"{len(kept)} of 242 messages (topics reports" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (("filter", LOG, LOG), "is an input"),
-        (("filter", LOG, "new.mcap", "--from", "5", "--until", "3"), "from 5 until 3"),
-        (("filter", LOG, "new.mcap", "--topics", ""), "expected a pattern"),
-        (("filter", LOG, "old.mcap"), "is a recording, which is kept"),
-        (("filter", LOG, "new.txt"), "found the suffix .txt, expected one of .mcap"),
-        (("filter", LOG, "new.mcap", "--topics", "reprt"), "(did you mean 'reports'?)"),
-        (("filter", LOG, "new.mcap", "--topics", "reports/process_7"), "nothing on record matches"),
-        (("split", LOG, "-o", "new", "--size", "0"), "expected a number above 0"),
-        (
-            ("split", LOG, "-o", "new/one", "--size", "0.0001"),
-            "has no room for scene, parameters and message 0: ",
-        ),
-        (("split", LOG, "-o", "new", "--parts", "1001"), "has 242 messages, expected at most"),
-        (("split", LOG, "-o", "new"), "--parts --rounds --seconds --size is required"),
-        (("split", LOG, "-o", "old.mcap", "--parts", "2"), "not a folder"),
-        (("merge", LOG, "old.mcap", "-o", "old.mcap"), "is an input"),
-        (("merge", ".", "-o", "new.mcap"), ".: a folder, expected a file"),
-        (("merge", LOG, "-o", "new"), "found no suffix, expected one of .mcap"),
-        (("merge", LOG, str(GOLDEN / "hex-5.mcap"), "-o", "new.mcap"), "another scene than in"),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_line(
-    folder: Path, arguments: tuple[str, ...], why: str
-) -> None:
-    """With exit code 2, and nothing is written."""
-    shutil.copy(LOG, "old.mcap")
-    assert why in refused(*arguments)
-    assert [path.name for path in folder.iterdir()] == ["old.mcap"]

@@ -1,4 +1,4 @@
-"""`cubepath export`: tables on standard output and in files."""
+"""`cubepath log export`: tables on standard output and in files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.recordings.recording import read_recording
-from processes.command_line import GOLDEN, cubepath, refused
+from processes.command_line import GOLDEN, cubepath
 
 LOG = str(GOLDEN / "hex-5.mcap")
 
@@ -20,15 +20,17 @@ LOG = str(GOLDEN / "hex-5.mcap")
 def test_rows_go_to_standard_output() -> None:
     """As CSV by default, as one JSON list with --json, and otherwise as asked; nothing else."""
     moves = read_recording(LOG).moves()
-    found = list(csv.DictReader(io.StringIO(cubepath("export", LOG).stdout)))
+    found = list(csv.DictReader(io.StringIO(cubepath("log", "export", LOG).stdout)))
     assert [int(row["round"]) for row in found] == moves["round"].tolist()
-    done = cubepath("export", LOG, "--json")
+    done = cubepath("log", "export", LOG, "--json")
     assert [row["module"] for row in json.loads(done.stdout)] == moves["module"].tolist()
     assert done.stderr == "28 moves written to standard output\n"
-    lines = cubepath("export", LOG, "--table", "rounds", "--jsonl", "-o", "-").stdout.splitlines()
+    lines = cubepath(
+        "log", "export", LOG, "--table", "rounds", "--format", "jsonl", "-o", "-"
+    ).stdout.splitlines()
     assert [json.loads(line)["round"] for line in lines] == list(range(30))
-    converted = cubepath("convert", LOG, "-").stdout
-    assert cubepath("export", LOG, "--moves").stdout == converted
+    converted = cubepath("shorten", LOG, "--convert", "-o", "-").stdout
+    assert cubepath("log", "export", LOG, "--format", "moves").stdout == converted
 
 
 def test_a_file_has_the_form_of_its_name(
@@ -37,37 +39,12 @@ def test_a_file_has_the_form_of_its_name(
     """Or the one that is asked for; --json is the answer then."""
     out = tmp_path / "claims.jsonl"
     count = int((read_recording(LOG).claims()["round"] <= 9).sum())
-    assert main(["export", LOG, "-o", str(out), "--table", "claims", "--until", "9", "--json"]) == 0
+    assert (
+        main(["log", "export", LOG, "-o", str(out), "--table", "claims", "--until", "9", "--json"])
+        == 0
+    )
     told = json.loads(capsys.readouterr().out)
     assert told == {"what": "claims", "form": "jsonl", "count": count, "output": str(out)}
     assert len(out.read_text().splitlines()) == count
-    assert main(["export", LOG, "-o", str(tmp_path / "x.txt"), "--csv"]) == 0
+    assert main(["log", "export", LOG, "-o", str(tmp_path / "x.txt"), "--format", "csv"]) == 0
     assert capsys.readouterr().out == f"28 moves written to {tmp_path}/x.txt\n"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        ((LOG, "-o", "out.xls"), "found the suffix .xls"),
-        ((LOG, "--csv", "--json"), "standard output has the rows of --csv"),
-        ((LOG, "--csv", "--parquet"), "not allowed with"),
-        ((LOG, "--kinds", "claim"), "table moves has no topics and kinds, expected table messages"),
-        (
-            (LOG, "--table", "messages", "--topics", "reprt"),
-            "topics reprt: nothing on record",
-        ),
-        ((LOG, "-o", "a.mcap", "--topics", "reports", "--topics", "x/*"), "topics x/*: nothing on"),
-        ((LOG, "-o", "a.mcap", "--table", "claims"), "a.mcap: a file for viewers has no tables"),
-        ((LOG, "-o", "a.csv", "--round-seconds", "2"), "a.csv: csv has no time line and no space"),
-        ((LOG, "-o", "a.mcap", "--log-time", "wall", "--round-seconds", "2"), "a round of 2 s: "),
-        ((LOG, "-o", LOG), "is an input"),
-        ((LOG, "--table", "movs"), "did you mean 'moves'"),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_line(
-    arguments: tuple[str, ...], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With exit code 2, and nothing is written."""
-    monkeypatch.chdir(tmp_path)
-    assert why in refused("export", *arguments)
-    assert not list(tmp_path.iterdir())

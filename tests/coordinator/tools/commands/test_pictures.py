@@ -11,7 +11,6 @@ from PIL import Image
 
 from cubepath.agents.rendering.pen import DARK, GOAL, PAPER, palette
 from cubepath.coordinator.commands.main import main
-from cubepath.protocol.recordings.cutting import filter_recording
 from processes.watched_pages import OWN
 
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
@@ -29,9 +28,9 @@ def frames(path: Path) -> int:
 
 
 def numbers(log: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
-    """Return what ``cubepath info`` says of a recording."""
+    """Return what ``cubepath log info`` says of a recording."""
     capsys.readouterr()
-    assert main(["info", str(log), "--json"]) == 0
+    assert main(["log", "info", str(log), "--json"]) == 0
     found: dict[str, int] = json.loads(capsys.readouterr().out)
     return found
 
@@ -47,7 +46,7 @@ def test_films_of_the_run_and_of_its_schedule(
     for options, count in (
         ([], found["rounds"]),
         (["--what", "run"], found["rounds"]),
-        (["--what", "schedule", "--fps", "10"], found["cubes"]),
+        (["--what", "schedule", "--rate", "10"], found["cubes"]),
     ):
         assert main(["view", str(log), "-o", str(film), *options]) == 0
         assert frames(film) == 1 + count
@@ -65,37 +64,6 @@ def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixt
         }
         shown.append(log.with_suffix(".png").read_bytes())
     assert shown[0] != shown[1]
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        (
-            "a.jpeg",
-            [],
-            "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif, .html",
-        ),
-        ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif, .html"),
-        ("a.png", ["--fps", "5"], "a.png: a picture, expected --fps with a film (.gif) alone"),
-        ("a.png", ["--what", "both"], "a.png: a picture, expected --what both with a film (.gif)"),
-        ("a.gif", ["--rounds", "5"], "a.gif: a film, expected --rounds with a picture alone"),
-        ("a.gif", ["--parts", "both"], "a.gif: a film, expected --parts with a picture alone"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_before_any_work(
-    tmp_path: Path,
-    name: str,
-    options: list[str],
-    message: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """One line, although the recording is not even there."""
-    target = tmp_path / name
-    assert main(["view", str(tmp_path / "no.mcap"), "-o", str(target), *options]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1
-    assert message in said[0]
-    assert not target.exists()
 
 
 @pytest.mark.slow
@@ -130,30 +98,6 @@ def colours_in(image: Image.Image) -> set[tuple[int, ...]]:
     return {colour for count, colour in counted if count >= 100 and isinstance(colour, tuple)}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["hex:n=5"], "hex:n=5: no file, expected -o PICTURE"),
-        (
-            ["hex:n=5", "-o", "x.html"],
-            "hex:n=5 is a scene without a run, expected .png, .svg, .pdf",
-        ),
-        (["hex:n=5", "-o", "x.png", "--what", "schedule"], "without a run, expected no --what"),
-        (["hex:n=5", "-o", "x.png", "--rounds", "0"], "without a run, expected no --rounds"),
-        (["hex:n=5", "hex:n=6", "-o", "x.html"], "without a run, expected no OTHER"),
-        (["hex:n=none", "-o", "x.png"], "n=none: expected a whole number"),
-        (["none.toml", "-o", "x.png"], "none.toml: No such file"),
-        ([str(GOLDEN / "hex-5.mcap"), "hex:n=5", "-o", "x.html"], "hex:n=5: a scene without a run"),
-    ],
-)
-def test_what_a_scene_does_not_have_is_refused(
-    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """In one line that says that it is a scene."""
-    assert main(["view", *arguments]) == 2
-    assert told in capsys.readouterr().err
-
-
 @pytest.mark.thorough
 def test_other_paths_are_drawn(tmp_path: Path) -> None:
     """Moves that stand for themselves, cubes of a system, and another program's plan."""
@@ -182,30 +126,6 @@ def test_other_paths_are_drawn(tmp_path: Path) -> None:
         picture.unlink()
 
 
-def test_a_recording_says_itself_what_it_is_of(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Another system, or a file beside it, is refused in one line."""
-    for options in (["--system", "hex"], ["--with", str(log)], ["--format", "plain"]):
-        assert main(["view", str(log), *options]) == 2
-        (said,) = capsys.readouterr().err.splitlines()
-        assert said.endswith(
-            "says itself what its system is: expected no --system, --format or --with"
-        )
-
-
-@pytest.mark.parametrize("content", [b"", b"no recording"])
-def test_what_is_called_a_recording_is_refused_as_one(
-    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line says that it is none."""
-    path = tmp_path / "run.mcap"
-    path.write_bytes(content)
-    assert main(["view", str(path)]) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert "recording" in said
-
-
 def test_a_picture_for_print(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rounds that were asked for in order, each once; title and caption, on dark ground."""
     path = tmp_path / "print.svg"
@@ -224,35 +144,3 @@ def test_a_picture_for_print(log: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert main([*arguments, "--rounds", "1,100"]) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert "no round 100: expected 0, the start, to " in said
-
-
-@pytest.mark.parametrize(
-    ("numbers", "message"),
-    [
-        ("5-3", "'5-3': stands for 0 numbers, expected 1 or more"),
-        ("1,0-9999", "'0-9999': stands for 10000 numbers, expected 1 or more"),
-        ("a", "'a': expected numbers and ranges, such as 0,4,10-20"),
-    ],
-)
-def test_rounds_that_are_none_are_refused(
-    numbers: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line says what was found."""
-    with pytest.raises(SystemExit) as ended:
-        main(["view", "a.mcap", "--rounds", numbers])
-    assert ended.value.code == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert message in said
-
-
-def test_a_recording_that_begins_later_is_not_drawn(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Where modules stood is not on record: one line says where it begins."""
-    part = tmp_path / "part.mcap"
-    filter_recording(GOLDEN / "hex-5.mcap", part, first=10)
-    for name in ("part.png", "part.html", "part.gif"):
-        assert main(["view", str(part), "-o", str(tmp_path / name)]) == 2
-        (said,) = capsys.readouterr().err.splitlines()
-        assert "begins in round 10, expected a recording from the start of the run" in said
-        assert not (tmp_path / name).exists()

@@ -1,4 +1,4 @@
-"""`cubepath record` beside other commands, each a process of its own."""
+"""`cubepath log record` beside other commands, each a process of its own."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def test_the_line_that_a_run_says_of_itself_is_what_record_takes(
     run = commands.start("run", "hex:n=3", "--listen=tcp/127.0.0.1:0", "--wait-for=1")
     run.says(r"listening on \S+ without TLS")
     endpoint, name = run.says(r"endpoint (\S+), run (\S+)").groups()
-    recorder = commands.start("record", "--connect", endpoint, "--run", name, "-o", "out.mcap")
+    recorder = commands.start(
+        "log", "record", "--connect", endpoint, "--run", name, "-o", "out.mcap"
+    )
     recorder.says(f"recording run {name}")
     commands.start("join", "--connect", endpoint, "--modules=0-2")
     assert run.end()[0] == 0
@@ -49,7 +51,7 @@ def test_a_run_that_is_killed_is_gone_without_a_word(commands: Commands, tmp_pat
     run = commands.start(*RANDOM)
     endpoint, name = run.says(r"endpoint (\S+), run (\S+)").groups()
     log = tmp_path / "out.mcap"
-    recorder = commands.start("record", "--connect", endpoint, "-o", str(log), "--json")
+    recorder = commands.start("log", "record", "--connect", endpoint, "-o", str(log), "--json")
     recorder.says("recording run")
     soon(lambda: log.exists() and log.stat().st_size > 20_000)
     run.signal(signal.SIGKILL)
@@ -67,11 +69,11 @@ def test_a_replay_that_has_ended_is_gone_and_not_its_router_alone(
 ) -> None:
     """At an address, where the router of a run might come back."""
     played = str(GOLDEN / "hex-5.mcap")
-    words = ("--endpoint=tcp/127.0.0.1:0", "--wait-for-subscribers", "--rate=100")
-    replay = commands.start("replay", played, *words, "--no-keyboard")
+    words = ("--listen=tcp/127.0.0.1:0", "--wait-for-subscribers", "--rate=100")
+    replay = commands.start("replay", played, *words)
     endpoint, name = replay.says(r"replaying on (\S+) under cubepath/(\w+)/").groups()
     log = tmp_path / "out.mcap"
-    recorder = commands.start("record", "--connect", endpoint, "-o", str(log), "--json")
+    recorder = commands.start("log", "record", "--connect", endpoint, "-o", str(log), "--json")
     assert replay.end()[0] == 0
     code, answer, said = recorder.end()
     assert (code, json.loads(answer)["ended"]) == (0, "run gone")
@@ -88,7 +90,7 @@ def test_a_snapshot_that_does_not_fit_leaves_no_other_file(
     endpoint = run.says(r"endpoint (\S+), run")[1]
     script = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000));"
     script += "from cubepath.coordinator.commands.main import main; sys.exit(main(sys.argv[1:]))"
-    line = ["record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
+    line = ["log", "record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
     with Command([sys.executable, "-c", script, *line], name="record", cwd=tmp_path) as recorder:
         recorder.says("recording run")
         before = inside.stat().st_size

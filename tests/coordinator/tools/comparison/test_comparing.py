@@ -56,7 +56,7 @@ def test_runs_that_differ_end_with_1(capsys: pytest.CaptureFixture[str]) -> None
 def test_moves_are_compared_with_a_recording(capsys: pytest.CaptureFixture[str]) -> None:
     """The same path in another form, and one move less of it."""
     moves = new_path(".jsonl")
-    assert main(["convert", HEX, str(moves)]) == 0
+    assert main(["shorten", HEX, "--convert", "-o", str(moves)]) == 0
     capsys.readouterr()
     assert main(["diff", HEX, str(moves), "--system", "hex:n=5"]) == 0
     assert "no difference in what was done" in capsys.readouterr().out
@@ -83,38 +83,6 @@ def test_a_free_run_and_one_with_rounds_are_compared_by_their_moves() -> None:
     assert found.parameters["format"] == ("cubepath-recording-2", "cubepath-recording-3")
     assert found.paths is not None
     assert found.paths.same is None
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        ([HEX, "nothing.mcap"], "No such file"),
-        ([HEX, HEX, "--rounds", "a"], "expected FIRST..LAST as 3..9, 3.. or ..9"),
-        ([HEX, HEX, "--rounds", "5..2"], "expected 1 or more"),
-        ([HEX, HEX, "--context", "-1"], "a whole number of at least 0"),
-        ([HEX, HEX, "--rounds", "99.."], "nothing to compare: "),
-        ([HEX, HEX, "--rounds", "30..40"], "has rounds 1 to 29"),
-        ([HEX, HEX, "--ignore", "sed"], "ignore=sed: neither has that, expected a parameter ("),
-        ([HEX, HEX, "--ignore", "go"], "ignore=go: messages of this kind are not compared"),
-        ([HEX, HEX, "--system", "hex:n=5"], "expected no system"),
-        ([FREE, FREE, "--rounds", "3.."], "is a run without rounds: expected no rounds"),
-        ([FREE, FREE, "--context", "3"], "is a run without rounds: expected no context"),
-        ([FREE, FREE, "--ignore", "claim"], "is a run without rounds: expected a parameter"),
-        ([HEX, FREE, "--rounds", "3.."], "is a run without rounds: expected no rounds"),
-        ([HEX, PLAIN, "--rounds", "3.."], "is no recording, so the moves alone are compared"),
-        ([HEX, PLAIN, "--ignore", "seed"], "expected nothing to ignore"),
-        ([PLAIN, HEX, "--context", "1"], "expected no context"),
-        ([GARBAGE, HEX], "no cubepath recording"),
-        ([HEX, GARBAGE], "no cubepath recording"),
-    ],
-)
-def test_bad_input_is_one_line(arguments: list[str], why: str, tmp_path: Path) -> None:
-    """What was found, and what was expected; also what would make no difference."""
-    (tmp_path / PLAIN).write_text("")
-    (tmp_path / GARBAGE).write_bytes(b"\x07garbage\n" * 9)
-    given = (PLAIN, GARBAGE)
-    arguments = [str(tmp_path / each) if each in given else each for each in arguments]
-    assert why in refused("diff", *arguments)
 
 
 def test_the_text_has_the_places_of_the_result() -> None:
@@ -224,7 +192,7 @@ def test_moves_take_the_system_of_the_recording_beside_them(
 ) -> None:
     """Also from a pipe; and it is said."""
     moves = new_path(".jsonl")
-    assert main(["convert", HEX, str(moves)]) == 0
+    assert main(["shorten", HEX, "--convert", "-o", str(moves)]) == 0
     capsys.readouterr()
     for arguments in ([str(moves), HEX], [HEX, str(moves)]):
         assert main(["diff", *arguments]) == 0

@@ -276,7 +276,7 @@ def test_it_is_no_recording() -> None:
 def test_a_part_from_the_middle_has_no_states() -> None:
     """One line says that the parts can be put together; the beginning alone is shown."""
     parts = split_recording(GOLDEN / "agv-3.mcap", new_path(""), parts=3)
-    with pytest.raises(InputError, match="'cubepath merge' puts parts together"):
+    with pytest.raises(InputError, match="'cubepath log merge' puts parts together"):
         export(parts[1], new_path(".mcap"), foxglove=True)
     filter_recording(GOLDEN / "agv-3.mcap", some := new_path(), topics=["reports", "edges"])
     with pytest.raises(InputError, match="expected all from its beginning"):

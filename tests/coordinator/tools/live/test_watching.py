@@ -21,7 +21,6 @@ from urllib.parse import urlsplit
 import pytest
 
 from cubepath.agents.processes.joining import Joining, join
-from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run, start
@@ -394,26 +393,3 @@ def test_the_command_tells_the_address_and_ends_a_paused_run(tmp_path: Path) -> 
     assert client.join().ended == {"ended": "interrupted", "error": "interrupted"}
     assert unused(address)
     assert read_recording(log).problems == ()
-
-
-def test_commands_refuse_what_does_not_fit(capsys: pytest.CaptureFixture[str]) -> None:
-    """In a line each."""
-    for arguments, told in (
-        (["run", SPEC, "--paused"], "paused: expected --live"),
-        (["run", SPEC, "--rate", "2"], "rate: expected --live"),
-        (["run", SPEC, "--live", "--rate", "2", "--clock", "free"], "can be watched, not paced"),
-        (["run", SPEC, "--live", "70000"], "expected a port up to 65535"),
-        (["view"], "required: INPUT, or --connect"),
-        (["view", "--run", "0123456789ab"], "run: expected --connect"),
-        (["view", "run.mcap", "--connect", "tcp/127.0.0.1:1"], "expected no input"),
-    ):
-        assert exit_code(arguments) == 2
-        assert told in capsys.readouterr().err
-
-
-def exit_code(arguments: list[str]) -> object:
-    """Return the exit code of a command, also where its options are wrong."""
-    try:
-        return main(arguments)
-    except SystemExit as left:
-        return left.code

@@ -153,7 +153,7 @@ def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
     text = capsys.readouterr().out
     assert "not checked: the recording begins in round 6" in text
     assert "4 rounds, " in text
-    assert main(["info", str(logs[2])]) == 0
+    assert main(["log", "info", str(logs[2])]) == 0
     found = replay(logs[2])
     assert (found.rounds_compared, found.agrees, found.complete) == (4, True, False)
     assert found.not_compared[0] == "rounds 1 to 5"
@@ -315,7 +315,7 @@ def test_what_a_publisher_drops_is_counted(tmp_path: Path) -> None:
 @contextmanager
 def command(*arguments: str) -> Generator[subprocess.Popen[str]]:
     """Start the command, and wait until it records."""
-    line = [sys.executable, "-m", "cubepath", "record", "--json", *arguments]
+    line = [sys.executable, "-m", "cubepath", "log", "record", "--json", *arguments]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         try:
             assert child.stderr is not None
@@ -352,7 +352,7 @@ def test_the_command_writes_snapshots_on_a_signal_and_leaves_in_time(tmp_path: P
     with (
         start("hex:n=4", processes=1, log=tmp_path / "in.mcap") as run,
         command(
-            *("--connect", run.endpoint, "-o", str(log), "--snapshot", "60", "--duration", "2")
+            *("--connect", run.endpoint, "-o", str(log), "--snapshot", "60", "--timeout", "2")
         ) as child,
     ):
         run.step(2)
@@ -419,43 +419,3 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
     assert {check.name for check in verify(found).checks if check.checked} == {
         *("readable", "parameters", "messages")
     }
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("--connect nowhere", "endpoint nowhere: expected tcp/HOST:PORT"),
-        ("--connect nowhere", "or the unixsock-stream/PATH that a run has said"),
-        ("--connect tcp/127.0.0.1:1 --secure .", "expected tls/HOST:PORT with certificates"),
-        ("--connect tcp/127.0.0.1:1 --patience 0.1", "no zenoh router at tcp/127.0.0.1:1"),
-        ("--connect tls/127.0.0.1:1", "expected a folder of certificates (--secure DIR)"),
-        (
-            "--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1",
-            "--snapshot: each snapshot is one file",
-        ),
-        ("--connect tcp/127.0.0.1:1 --topics=", "found an empty glob"),
-        ("--connect tcp/127.0.0.1:1 --topics redy", "no kind of messages matches (did you mean"),
-        ("--connect tcp/127.0.0.1:1 --exclude nix/*", "topics nix/*: no kind of messages matches"),
-        ("--connect tcp/127.0.0.1:1 --split-size 0", "expected a number above 0"),
-        ("--connect tcp/127.0.0.1:1 -o here.mcap", "here.mcap: "),
-        ("--connect tcp/127.0.0.1:1 -o out.png", "found the suffix .png"),
-    ],
-)
-def test_what_is_wrong_is_one_line(
-    words: str,
-    expected: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """What was found, and what was expected."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "here.mcap").write_text("something")
-    try:
-        code = main(["record", *words.split()])
-    except SystemExit as ended:
-        code = int(str(ended.code))
-    assert code in (1, 2)
-    told = capsys.readouterr().err
-    assert expected in told
-    assert told.count("\n") == 1

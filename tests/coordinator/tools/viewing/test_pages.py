@@ -111,8 +111,8 @@ def test_the_command_shows_two_recordings_side_by_side(
     assert [path["step"] for path in found["paths"]] == ["round", "cube", "level", "cube"]
     assert main(["view", str(log), str(other), "-o", str(log.with_suffix(".png"))]) == 2
     assert "shows one run, expected a page (.html) for two" in capsys.readouterr().err
-    assert main(["view", str(log), "-o", str(page), "--fps", "5"]) == 2
-    assert "a page, expected --fps with a film (.gif) alone" in capsys.readouterr().err
+    assert main(["view", str(log), "-o", str(page), "--rate", "5"]) == 2
+    assert "a page, expected --rate with a film (.gif) alone" in capsys.readouterr().err
     assert main(["view", str(log), "-o", str(page), "--dark"]) == 2
     assert "dark where its reader prefers that" in capsys.readouterr().err
 
@@ -146,7 +146,7 @@ def test_a_page_marks_where_a_run_departs_and_where_two_differ(tmp_path: Path) -
 def test_a_page_of_moves_marks_the_first_that_differs(tmp_path: Path) -> None:
     """By its step in each of two paths, and not at all where there is none."""
     moves, page = tmp_path / "moves.jsonl", tmp_path / "run.html"
-    assert main(["convert", str(GOLDEN / "hex-5.mcap"), str(moves)]) == 0
+    assert main(["shorten", str(GOLDEN / "hex-5.mcap"), "--convert", "-o", str(moves)]) == 0
     lines = moves.read_text().splitlines(keepends=True)
     (tmp_path / "fewer.jsonl").write_text("".join(lines[:-2]))
     cubes = tmp_path / "cubes.jsonl"
@@ -171,7 +171,7 @@ def test_moves_cubes_and_plans_have_pages_too(
 ) -> None:
     """Whatever a picture is drawn of."""
     moves, page = tmp_path / "moves.jsonl", tmp_path / "moves.html"
-    assert main(["convert", str(GOLDEN / "hex-5.mcap"), str(moves)]) == 0
+    assert main(["shorten", str(GOLDEN / "hex-5.mcap"), "--convert", "-o", str(moves)]) == 0
     assert main(["view", str(moves), "--system", "hex:n=5", "-o", str(page)]) == 0
     found = page_document(page)
     assert [path["step"] for path in found["paths"]] == ["move", "cube"]

@@ -8,6 +8,8 @@ import json
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
+CLAUSES, LOG = ".cnf", ".drat"
+"""The suffixes of what other checkers read."""
 _TEXT_MAX = 60
 """Longest text of a state, in characters, that is printed rather than its digest."""
 
@@ -45,11 +47,10 @@ def state_text(sites: list[Any], what: str) -> str:
 
 
 def write_others(options: argparse.Namespace, claimed: ClaimedProof) -> None:
-    """Write the clauses and the log for other checkers, as far as they are asked for."""
+    """Write the clauses and the log for other checkers to the files that are asked for."""
     from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
 
-    for path, pieces in ((options.cnf, claimed.cnf), (options.drat, lambda: claimed.log)):
-        if path is not None:
-            with written_whole(path) as stream:
-                for piece in pieces():
-                    stream.write(piece)
+    for path in options.out:
+        with written_whole(path) as stream:
+            for piece in claimed.cnf() if path.suffix.lower() == CLAUSES else claimed.log:
+                stream.write(piece)

@@ -1,4 +1,4 @@
-"""``cubepath shorten --following``: plans whose vehicles may follow, and how they are verified."""
+"""``cubepath improve --following``: plans whose vehicles may follow, and how they are verified."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
-from cubepath.coordinator.commands.durations import given_durations
 from cubepath.coordinator.commands.files import Output, check_files, file_name
-from cubepath.coordinator.commands.plan_options import hints, solved
+from cubepath.coordinator.commands.path_options import (
+    duration_file,
+    given_durations,
+    hints,
+    solved,
+)
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.following_proofs import write_fewest
-from cubepath.coordinator.theory.commands.search_options import check_proof_option
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import InputFile, opened
@@ -26,57 +29,31 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.protocol.plans.imported import VehiclePlan
 
 
-_FOR_CUBES = {
-    "improve": "--improve",
-    "effort": "--effort",
-    "bounds": "--bounds",
-    "max_states": "--max-states",
-}
+_FOR_CUBES = ("seconds", "steps", "bounds", "max_states")
 """Options that look for schedules of cubes."""
 
 
-def _is_given(value: object) -> bool:
-    return value is not None and value is not False  # 0 is given
-
-
-def add_following_options(shorten: argparse.ArgumentParser) -> None:
-    """Add ``--following``."""
-    shorten.add_argument(
-        "--following",
-        choices=("mapf", "cgshop"),
-        metavar="RULE",
-        help="for plans of vehicles: a timetable in which a vehicle may enter what another leaves"
-        " at one time, under the rule of path finding (mapf) or of CG:SHOP 2021 (cgshop); -o then"
-        " writes it, a move a line",
-    )
-
-
-def check_following_options(options: argparse.Namespace) -> None:
+def _check_options(options: argparse.Namespace) -> None:
     """Check that the other options fit ``--following``; InputError if one does not."""
-    given = [each for name, each in _FOR_CUBES.items() if _is_given(getattr(options, name))]
-    beyond = next(iter(given), None)
-    if beyond is not None:
-        raise InputError(
-            f"{beyond} is for cubes, in which no vehicle follows: expected no --following with it"
-        )
-    if options.prove is not None and (options.durations is not None or options.duration):
-        raise InputError("--prove counts rounds: expected no --duration with it")
-    check_proof_option(options)
-    if options.certificate is not None:
-        raise InputError(
-            "--certificate is for cubes: with --following, -o writes a timetable that holds its own"
-        )
-    files = [options.input, options.durations]
+    for name in _FOR_CUBES:
+        value = getattr(options, name)
+        if value is not None and value is not False:  # 0 is given
+            raise InputError(
+                f"--{name.replace('_', '-')}: is for cubes, in which no vehicle follows: expected"
+                " no --following with it"
+            )
+    if options.prove is not None and options.durations:
+        raise InputError("--prove: counts rounds, expected no --durations with it")
     check_files(
         options,
-        files,
-        Output(options.output, (".jsonl",), stream=True),
+        [options.input, duration_file(options)],
+        Output(options.out, (".jsonl",), stream=True),
         Output(options.proof, (".proof",)),
     )
 
 
-def shorten_following(options: argparse.Namespace) -> int:
-    """Do what ``shorten --following`` asks for; InputError if the input is no plan of vehicles."""
+def improve_following(options: argparse.Namespace) -> int:
+    """Do what ``improve --following`` asks for; InputError if the input is no plan of vehicles."""
     from cubepath.coordinator.theory.following.files import (  # noqa: PLC0415
         checked,
         read_vehicle_plan,
@@ -88,7 +65,7 @@ def shorten_following(options: argparse.Namespace) -> int:
     )
     from cubepath.protocol.path_files.following import write_following  # noqa: PLC0415
 
-    check_following_options(options)
+    _check_options(options)
     durations = given_durations(options)
     timed = durations is not None
     with opened(options.input) as file:
@@ -102,9 +79,9 @@ def shorten_following(options: argparse.Namespace) -> int:
         if fewest is not None and fewest.timetable is not None:
             written = checked(fewest.timetable, plan)
         proved = [] if fewest is None else write_fewest(options, fewest, written)
-    output: Path | None = options.output
-    if output is not None:
-        write_following(output, written)
+    out: Path | None = options.out
+    if out is not None:
+        write_following(out, written)
     document = _document(found, timed=timed)
     if fewest is not None:
         written_proof = options.proof is not None and fewest.refuted is not None
@@ -115,8 +92,8 @@ def shorten_following(options: argparse.Namespace) -> int:
     document |= figures | {"seconds": round(figures["seconds"] + searched, 3)}
     rows = [*_following_rows(found, timed=timed), *_fewest_rows(fewest), *proved, *figure_rows]
     rows.append(("time", f"{document['seconds']:.2f} s"))
-    if output is not None:
-        rows.append(("written to", file_name(output)))
+    if out is not None:
+        rows.append(("written to", file_name(out)))
     lines = ["", *chain_in_words(found, timed=timed)] if options.explain else []
     answer(options, document, "\n".join([table(rows), *map(visible, lines)]))
     return solved(options, plan.unsolved)
@@ -147,7 +124,7 @@ def _fewest_rounds(
             found.rule,
             within=int(found.makespan),
             seconds=options.prove,
-            seed=options.seed,
+            seed=options.seed or 0,
             tick=tick,
             logs=logs,
         )

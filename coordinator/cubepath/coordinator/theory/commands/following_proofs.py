@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.files import file_name, none_written
-from cubepath.coordinator.commands.plan_options import hints
+from cubepath.coordinator.commands.path_options import hints
 from cubepath.coordinator.theory.commands.checked_proofs import (
+    CLAUSES,
     CheckedProof,
     ClaimedProof,
     digest,
@@ -74,7 +75,7 @@ def claimed_following(
     why = None if plan is None else refutation.other_task(plan)
     if why is not None:
         raise CheckError(f"{file_name(options.of)} {why}")
-    if options.cnf is not None:
+    if any(each.suffix.lower() == CLAUSES for each in options.out):
         _ = refutation.clauses  # which may be wrong, before the file is opened
 
     def checked() -> CheckedProof:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
-from cubepath.coordinator.commands.plan_options import hints
+from cubepath.coordinator.commands.path_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.checked_proofs import (
+    CLAUSES,
+    LOG,
     CheckedProof,
     ClaimedProof,
     digest,
@@ -34,18 +36,16 @@ _SUFFIX = ".proof"
 
 
 def add_proof_options(verify: argparse.ArgumentParser) -> None:
-    """Add ``--cnf`` and ``--drat``."""
+    """Add ``--out``."""
     verify.add_argument(
-        "--cnf",
+        "-o",
+        "--out",
+        action="append",
+        default=[],
         type=output_path,
         metavar="FILE",
-        help="LOG is a proof of optimality: write the clauses that it refutes, as DIMACS",
-    )
-    verify.add_argument(
-        "--drat",
-        type=output_path,
-        metavar="FILE",
-        help="the same: write its log, for other checkers such as drat-trim",
+        help="LOG is a proof of optimality: write the clauses that it refutes as DIMACS (.cnf), or"
+        " its log for other checkers such as drat-trim (.drat); may be given again",
     )
 
 
@@ -57,15 +57,15 @@ def is_of_a_proof(options: argparse.Namespace, sources: Sequence[Source]) -> boo
     both = zip(options.logs, sources, strict=True)
     proofs = [path for path, source in both if _is_proof(path, source)]
     if not proofs:
-        if options.cnf is not None or options.drat is not None:
-            raise InputError("--cnf and --drat are for proofs of optimality, expected one")
+        if options.out:
+            raise InputError("--out: is for a proof of optimality, expected one to verify")
         return False
     if len(options.logs) > 1:
         raise InputError(
             f"{proofs[0]}: found {len(options.logs)} files to check, expected one proof"
         )
-    if options.recover is not None or options.cubes is not None:
-        raise InputError(f"{proofs[0]}: a proof of optimality, expected no --recover, no --cubes")
+    if options.cubes is not None:
+        raise InputError(f"{proofs[0]}: a proof of optimality, expected no --cubes")
     if options.of is None and (options.system or options.format or options.companions):
         raise InputError("--system, --format and --with are for --of INPUT, expected that")
     return True
@@ -99,7 +99,9 @@ def verify_proof(options: argparse.Namespace, source: Source) -> int:
     from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
 
     path: Path = options.logs[0]
-    check_files(options, [path, options.of], Output(options.cnf), Output(options.drat))
+    check_files(
+        options, [path, options.of], *(Output(each, (CLAUSES, LOG)) for each in options.out)
+    )
     began = time.monotonic()
     with progress_bar(None, "verify", " lemmas") as bar, opened(source) as file:
 
@@ -164,7 +166,7 @@ def _claimed(
     why = None if given is None else _another_task(refutation, given)
     if why is not None:
         raise CheckError(f"{file_name(options.of)} {why}")
-    if options.cnf is not None:
+    if any(each.suffix.lower() == CLAUSES for each in options.out):
         _ = refutation.clauses  # which may be wrong, before the file is opened
 
     def checked() -> CheckedProof:

@@ -1,4 +1,4 @@
-"""Timetables as files: what `cubepath shorten --following RULE -o FILE` writes.
+"""Timetables as files: what `cubepath improve --following RULE -o FILE` writes.
 
 They are checked by code that shares nothing with what computed them before anybody is told.
 

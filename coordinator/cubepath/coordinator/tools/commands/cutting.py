@@ -1,4 +1,4 @@
-"""Recordings in, recordings out: ``cubepath filter``, ``cubepath split`` and ``cubepath merge``."""
+"""Recordings in, recordings out: ``cubepath log filter``, ``log split`` and ``log merge``."""
 
 from __future__ import annotations
 
@@ -8,25 +8,30 @@ from pathlib import Path
 from cubepath.coordinator.commands.console import DONE, answer
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.output_files import check_output_folder
 
 _MB = 1_000_000
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the commands and their options."""
-    kept = command("filter", _filter)
+def add_log_filter(kept: argparse.ArgumentParser) -> None:
+    """Add the options of ``log filter``."""
+    kept.set_defaults(command=_filter)
     kept.add_argument("log", type=input_path, metavar="LOG")
-    kept.add_argument("out", type=output_path, metavar="OUT", help="a new .mcap file")
+    kept.add_argument(
+        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+    )
     add_selection_options(kept)
 
-    split = command("split", _split)
+
+def add_log_split(split: argparse.ArgumentParser) -> None:
+    """Add the options of ``log split``."""
+    split.set_defaults(command=_split)
     split.add_argument("log", type=input_path, metavar="LOG")
     split.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         required=True,
         metavar="DIR",
@@ -47,13 +52,16 @@ def add_commands(command: AddCommand) -> None:
         "--size",
         type=seconds,
         metavar="MB",
-        help="at most so many megabytes (10^6 bytes) in a part, as a file",
+        help="at most MB megabytes (10^6 bytes) in a part, as a file",
     )
 
-    merge = command("merge", _merge)
+
+def add_log_merge(merge: argparse.ArgumentParser) -> None:
+    """Add the options of ``log merge``."""
+    merge.set_defaults(command=_merge)
     merge.add_argument("logs", nargs="+", type=input_path, metavar="LOG")
     merge.add_argument(
-        "-o", "--output", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
     )
 
 
@@ -104,7 +112,7 @@ def _filter(options: argparse.Namespace) -> int:
 def _split(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import split_recording  # noqa: PLC0415
 
-    folder: Path = options.output
+    folder: Path = options.out
     check_files(options, [options.log])
     check_output_folder(folder)
     with progress_bar(None, "split", ""):
@@ -126,11 +134,11 @@ def _split(options: argparse.Namespace) -> int:
 def _merge(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import merge_recordings  # noqa: PLC0415
 
-    check_files(options, options.logs, Output(options.output, (".mcap",)))
+    check_files(options, options.logs, Output(options.out, (".mcap",)))
     with progress_bar(None, "merge", ""):
-        count = merge_recordings(options.logs, options.output)
-    document = {"messages": count, "recordings": len(options.logs), "output": str(options.output)}
+        count = merge_recordings(options.logs, options.out)
+    document = {"messages": count, "recordings": len(options.logs), "output": str(options.out)}
     of = counted(len(options.logs), "recording")
-    text = f"{counted(count, 'message')} of {of} written to {options.output}"
+    text = f"{counted(count, 'message')} of {of} written to {options.out}"
     answer(options, document, visible(text))
     return DONE

@@ -1,23 +1,28 @@
-"""`cubepath diff A B`: where two runs part, and why."""
+"""`cubepath diff A B`: where two runs part, and why; or whether two paths are equal.
+
+A path is a recording, of a run with rounds or without, or whatever `shorten` takes.
+"""
 
 from __future__ import annotations
 
 import argparse
 import re
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer
-from cubepath.coordinator.commands.files import check_files, input_path
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.files import check_files, file_name, input_path
+from cubepath.coordinator.commands.path_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.usage import more_options, number
+from cubepath.protocol.core.errors import InputError
 
 _RANGE = re.compile(r"(\d*)\.\.(\d*)|(\d+)")
 _KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube", "summary")
 """As in `comparison.asking`, which takes too long to load for a line of help."""
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    diff = command("diff", _diff)
+def add_diff(diff: argparse.ArgumentParser) -> None:
+    """Add the options of ``diff``."""
+    diff.set_defaults(command=_diff)
     for name in ("a", "b"):
         diff.add_argument(
             name,
@@ -25,10 +30,20 @@ def add_commands(command: AddCommand) -> None:
             metavar=name.upper(),
             help="a recording, or whatever shorten takes, of which the moves are compared",
         )
+    how = diff.add_mutually_exclusive_group()
+    how.add_argument(
+        "--same",
+        action="store_true",
+        help="whether the two are equal up to swapping commuting moves",
+    )
+    how.add_argument(
+        "--homotopic",
+        action="store_true",
+        help="whether the two have the same normal cube path",
+    )
     diff.add_argument(
         "--rounds",
         type=_rounds,
-        default=(1, None),
         metavar="FIRST..LAST",
         help="compare these rounds alone (default: all); either may be left out",
     )
@@ -43,7 +58,6 @@ def add_commands(command: AddCommand) -> None:
     diff.add_argument(
         "--context",
         type=number("a whole number of at least 0", lambda found: found >= 0 and found % 1 == 0),
-        default=0,
         metavar="N",
         help="show N messages of the round before and after the first that differs",
     )
@@ -53,6 +67,7 @@ def add_commands(command: AddCommand) -> None:
         help="the system that the moves of a moves file name (default: that of the recording"
         " beside it)",
     )
+    add_plan_options(more_options(diff))
 
 
 def _rounds(text: str) -> tuple[int, int | None]:
@@ -69,6 +84,11 @@ def _rounds(text: str) -> tuple[int, int | None]:
 
 def _diff(options: argparse.Namespace) -> int:
     check_files(options, [options.a, options.b])
+    if options.same or options.homotopic:
+        return _equal(options)
+    if options.format is not None or options.companions:
+        option = "--format" if options.companions == [] else "--with"
+        raise InputError(f"{option}: expected --same or --homotopic with it")
     from cubepath.coordinator.tools.comparison.comparing import diff  # noqa: PLC0415 - loads numpy
 
     with progress_bar(None, "compare", ""):
@@ -76,9 +96,33 @@ def _diff(options: argparse.Namespace) -> int:
             options.a,
             options.b,
             ignore=options.ignore,
-            context=int(options.context),
-            rounds=options.rounds,
+            context=int(options.context or 0),
+            rounds=options.rounds or (1, None),
             system=options.system,
         )
     answer(options, found.document(), str(found))
     return DONE if found.same else FAILED
+
+
+def _equal(options: argparse.Namespace) -> int:
+    """Say whether two paths are equal; exit code 1 and one line if they differ."""
+    how = "--same" if options.same else "--homotopic"
+    for name in ("rounds", "ignore", "context"):
+        if getattr(options, name):
+            raise InputError(f"{how}: compares two paths, expected no --{name}")
+    from cubepath.coordinator.shortening.conversion import difference_of  # noqa: PLC0415
+
+    with progress_bar(None, "compare", " moves") as bar:
+        found = difference_of(
+            (options.a, options.b),
+            options.system,
+            hints(options),
+            bar.update,
+            homotopic=options.homotopic,
+        )
+    word = "homotopic" if options.homotopic else "same"
+    document = {word: found is None, "difference": found}
+    answer(options, document, word if found is None else f"not {word}: {found}")
+    if found is not None:
+        complain(f"{file_name(options.a)}, {file_name(options.b)}: not {word}: {found}")
+    return DONE if found is None else FAILED

@@ -1,4 +1,4 @@
-"""Recordings for other tools: ``cubepath export``."""
+"""Recordings for other tools: ``cubepath log export``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.cutting import add_selection_options
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
@@ -24,30 +24,32 @@ _FORMS = {
     "csv": "a table as CSV",
     "parquet": "a table as Parquet",
     "jsonl": "a table as JSON Lines, an object a line",
-    "moves": "a moves file, as 'convert' writes it",
+    "moves": "a moves file, as 'shorten --convert' writes it",
     "mcap": "the messages as a .mcap file for other tools, with log times that they can show",
+    "foxglove": "the same with the robot in three dimensions, as messages of Foxglove",
     "rrd": "the robot as a .rrd file of rerun",
 }
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    export = command("export", _export)
+def add_log_export(export: argparse.ArgumentParser) -> None:
+    """Add the options of ``log export``."""
+    export.set_defaults(command=_export)
     export.add_argument("log", type=input_path, metavar="LOG")
     export.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         default=STANDARD_OUTPUT,
         metavar="OUT",
         help="a file whose suffix says the form: .csv, .parquet, .json, .jsonl, .mcap or .rrd; by"
         " default standard output, as CSV, or with --json as one JSON list",
     )
-    forms = export.add_mutually_exclusive_group()
-    for name, what in _FORMS.items():
-        forms.add_argument(
-            f"--{name}", dest="form", action="store_const", const=name, help=f"write {what}"
-        )
+    export.add_argument(
+        "--format",
+        choices=_FORMS,
+        metavar="FORM",
+        help="; ".join(f"{name}: {what}" for name, what in _FORMS.items()),
+    )
     export.add_argument(
         "--table",
         choices=("moves", "claims", "messages", "rounds"),
@@ -55,23 +57,19 @@ def add_commands(command: AddCommand) -> None:
         help="which table (default moves)",
     )
     add_selection_options(export)
-    export.add_argument(
-        "--foxglove",
-        action="store_true",
-        help="in a .mcap file, add the robot in three dimensions, as messages of Foxglove",
-    )
-    export.add_argument(
+    more = more_options(export)
+    more.add_argument(
         "--log-time",
         choices=("round", "level", "wall"),
         help="for .mcap and .rrd: rounds, or without rounds levels (default), or the wall clock",
     )
-    export.add_argument(
+    more.add_argument(
         "--round-seconds",
         type=number("a number of at least 1e-9", lambda found: found >= 1e-9),
         metavar="S",
         help="how long a round or level lasts on the time line (default 1)",
     )
-    export.add_argument(
+    more.add_argument(
         "--kinds",
         default="",
         metavar="KIND,...",
@@ -82,14 +80,15 @@ def add_commands(command: AddCommand) -> None:
 def _export(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.exports.exporting import export  # noqa: PLC0415
 
-    out: Path = options.output
-    form: str | None = options.form
+    out: Path = options.out
+    foxglove = options.format == "foxglove"
+    form: str | None = None if foxglove else options.format
     if out == STANDARD_OUTPUT and form is None:
         form = "json" if options.json else "csv"
     elif out == STANDARD_OUTPUT and options.json:
         raise InputError(
-            f"--json: standard output has the rows of --{form}, expected a file for them or no"
-            " --json"
+            f"--json: standard output has the rows of --format {form}, expected a file for them or"
+            " no --json"
         )
     inner = argparse.Namespace(**{**vars(options), "json": False})
     check_files(inner, [options.log], Output(out, stream=True))
@@ -105,7 +104,7 @@ def _export(options: argparse.Namespace) -> int:
             exclude=options.exclude,
             log_time=options.log_time,
             round_seconds=options.round_seconds,
-            foxglove=options.foxglove,
+            foxglove=foxglove,
             kinds=[each for each in options.kinds.split(",") if each],
         )
     document = {

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import (
     DONE,
@@ -16,7 +15,8 @@ from cubepath.coordinator.commands.console import (
     complain,
     table,
 )
-from cubepath.coordinator.commands.usage import number, whole
+from cubepath.coordinator.commands.usage import add_fields, number, whole
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -25,29 +25,33 @@ if TYPE_CHECKING:  # a command starts faster without it
 _PORT_MAX = 65535
 _LOOK_S = 0.5
 _port = whole(0)
+_OPTIONS = {"input": "INPUT", "other": "OTHER"}
 
 
-def add_live_options(run: argparse.ArgumentParser) -> None:
-    """Add the options of a run that is watched."""
-    run.add_argument(
+def add_live_options(run: argparse.ArgumentParser, more: Any) -> None:
+    """Add the options of a run that is watched, of which few need `more`."""
+    _add_live(run, "serve a page that follows the run, and can pause and step it")
+    more.add_argument(
+        "--paused",
+        action="store_true",
+        help="with --live: wait before the first round until the page lets the run go on",
+    )
+    more.add_argument(
+        "--rate",
+        type=number("a number of rounds a second above 0, at most 1000", lambda r: 0 < r <= 1000),
+        metavar="R",
+        help="with --live: play R rounds a second at most",
+    )
+
+
+def _add_live(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument(
         "--live",
         nargs="?",
         type=port,
         const=0,
         metavar="PORT",
-        help="serve a page that follows the run, and can pause and step it, on this machine alone;"
-        " its address is told (default: a free port)",
-    )
-    run.add_argument(
-        "--paused",
-        action="store_true",
-        help="with --live: wait before the first round until the page lets the run go on",
-    )
-    run.add_argument(
-        "--rate",
-        type=number("a number of rounds a second above 0, at most 1000", lambda r: 0 < r <= 1000),
-        metavar="R",
-        help="with --live: play R rounds a second at most",
+        help=f"{what}, on this machine alone, and print its address (default: any free port)",
     )
 
 
@@ -67,7 +71,7 @@ def watched(
     if options.live is None:
         for name, value in (("paused", options.paused), ("rate", options.rate)):
             if value:
-                raise InputError(f"{name}: expected --live beside it")
+                raise InputError(f"--{name}: expected --live with it")
         yield
         return
     from cubepath.coordinator.tools.live.watching import Live  # noqa: PLC0415 - only what is needed
@@ -79,36 +83,30 @@ def watched(
         yield
 
 
-def add_connect_options(view: argparse.ArgumentParser) -> None:
-    """Add the options of a run elsewhere that is watched."""
+def add_connect_options(view: argparse.ArgumentParser, more: Any) -> None:
+    """Add the options of a run elsewhere that is watched, of which few need `more`."""
     view.add_argument(
         "--connect",
         metavar="ENDPOINT",
-        help="serve a page that follows a run elsewhere, on this machine alone: where the run can"
-        " be listened to, as it says itself, or that of its router",
+        help="follow a run elsewhere on a page: where the run can be listened to, as it says"
+        " itself, or that of its router",
     )
+    _add_live(view, "with --connect: serve its page at this port")
     view.add_argument("--run", metavar="RUN", help="with --connect: which run, if several")
-    view.add_argument(
-        "--port", type=port, metavar="PORT", help="with --connect: serve there (default: any)"
-    )
-    view.add_argument(
-        "--secure",
-        type=Path,
-        metavar="DIR",
-        help="with --connect: use TLS with the certificate of guest in a folder",
-    )
+    add_fields(more, RunOptions, "secure")
 
 
 def watch_elsewhere(options: argparse.Namespace) -> int:
     """Follow a run elsewhere on a page, until it ends or this is interrupted."""
     from cubepath.coordinator.tools.live.remote_pages import watch_run  # noqa: PLC0415
 
-    for name in ("input", "other", "output", "system", "of", "format", "fps"):
+    for name in ("input", "other", "out", "system", "of", "format", "rate"):
         if getattr(options, name):
-            raise InputError(f"connect: follows a run that goes on, expected no {name}")
+            option = _OPTIONS.get(name, f"--{name}")
+            raise InputError(f"--connect: follows a run that goes on, expected no {option}")
     interrupted = False
     with watch_run(
-        options.connect, options.run, port=options.port or 0, secure=options.secure
+        options.connect, options.run, port=options.live or 0, secure=options.secure
     ) as run:
         late = f" from the end of round {run.begins} on," if run.begins else ""
         complain(f"run {run.run}{late} live at {run.address}")
@@ -129,6 +127,6 @@ def watch_elsewhere(options: argparse.Namespace) -> int:
 
 def check_no_connect_options(options: argparse.Namespace) -> None:
     """Refuse options of a run elsewhere where there is none."""
-    for name in ("run", "port", "secure"):
+    for name in ("run", "live", "secure"):
         if getattr(options, name) is not None:
-            raise InputError(f"{name}: expected --connect beside it")
+            raise InputError(f"--{name}: expected --connect with it")

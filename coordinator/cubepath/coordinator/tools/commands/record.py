@@ -1,4 +1,4 @@
-"""The command that records a live run from outside: ``cubepath record``."""
+"""The command that records a live run from outside: ``cubepath log record``."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
 from cubepath.coordinator.commands.files import Output, check_files, output_path
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.usage import add_fields, more_options, number
+from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
@@ -27,9 +27,9 @@ _LOOK_S = 0.2
 _above_0 = number("a number above 0", lambda each: each > 0)
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    record = command("record", _record)
+def add_log_record(record: argparse.ArgumentParser) -> None:
+    """Add the options of ``log record``."""
+    record.set_defaults(command=_record)
     record.add_argument(
         "--connect",
         required=True,
@@ -39,7 +39,7 @@ def add_commands(command: AddCommand) -> None:
     record.add_argument("--run", metavar="RUN", help="which run, if there are several")
     record.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         metavar="LOG.mcap",
         help="recording to write (default: a new file in logs/)",
@@ -52,16 +52,16 @@ def add_commands(command: AddCommand) -> None:
         help="record these alone, as 'said/*' or 'ready'; may be given several times",
     )
     record.add_argument(
-        "--exclude", action="append", default=[], metavar="GLOB", help="and none of these"
+        "--exclude", action="append", default=[], metavar="GLOB", help="leave these topics out"
     )
     record.add_argument(
-        "--split-size",
+        "--size",
         type=_above_0,
         metavar="MB",
-        help="begin another file, LOG-001.mcap and so on, after so many million bytes",
+        help="start a new file, LOG-001.mcap and so on, every MB megabytes (10^6 bytes)",
     )
     record.add_argument(
-        "--split-duration", type=_above_0, metavar="S", help="and after so many seconds"
+        "--seconds", type=_above_0, metavar="S", help="start a new file every S seconds"
     )
     record.add_argument(
         "--snapshot",
@@ -70,51 +70,45 @@ def add_commands(command: AddCommand) -> None:
         help="keep the last S seconds in memory, and write them to LOG-000.mcap and so on whenever"
         " asked: by SIGUSR1, the key Enter, or a zenoh query",
     )
-    record.add_argument(
-        "--duration", type=_above_0, metavar="S", help="leave after so many seconds"
-    )
-    record.add_argument(
+    record.add_argument("--timeout", type=_above_0, metavar="S", help="leave after S seconds")
+    more = more_options(record)
+    more.add_argument(
         "--max-cache",
         type=_above_0,
         default=100.0,
         metavar="MB",
-        help="so many million bytes wait to be written, or are kept, at most (default 100)",
+        help="let at most MB megabytes wait to be written, or be kept (default 100)",
     )
-    record.add_argument(
-        "--secure",
-        type=Path,
-        metavar="DIR",
-        help="use TLS with the certificate of guest in a folder; see 'cubepath certificates'",
-    )
-    record.add_argument(
+    add_fields(more, RunOptions, "secure")
+    more.add_argument(
         "--patience",
         type=_above_0,
         default=10.0,
         metavar="SECONDS",
-        help="end if no run is there for so long (default 10)",
+        help="give up when no run is there for this long (default 10)",
     )
 
 
 def _record(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.recorder.recorder import record  # noqa: PLC0415
 
-    check_files(options, [], Output(options.output, (".mcap",)))
-    if options.output is not None and options.output.is_file():
-        raise InputError(f"{options.output}: exists already, expected a new file")
-    for given, name in ((options.split_size, "size"), (options.split_duration, "duration")):
+    check_files(options, [], Output(options.out, (".mcap",)))
+    if options.out is not None and options.out.is_file():
+        raise InputError(f"{options.out}: exists already, expected a new file")
+    for given, name in ((options.size, "size"), (options.seconds, "seconds")):
         if options.snapshot is not None and given is not None:
-            raise InputError(f"--snapshot: each snapshot is one file, expected no --split-{name}")
+            raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
     interrupted = False
     with (
         _signalled(lambda *_: complain("no run yet: there is nothing to write")),
         record(
             options.connect,
-            options.output,
+            options.out,
             run=options.run,
             topics=options.topics,
             exclude=options.exclude,
-            split_megabytes=options.split_size,
-            split_seconds=options.split_duration,
+            split_megabytes=options.size,
+            split_seconds=options.seconds,
             snapshot_seconds=options.snapshot,
             memory_megabytes=options.max_cache,
             secure=options.secure,
@@ -125,7 +119,7 @@ def _record(options: argparse.Namespace) -> int:
         complain(f"recording run {recorder.run}")
         try:
             with _asking(recorder, snapshots=options.snapshot is not None) as look:
-                _wait(recorder, options.duration, look)
+                _wait(recorder, options.timeout, look)
         except KeyboardInterrupt:
             interrupted = True
     answer(options, _document(recorder), table(_rows(recorder)))

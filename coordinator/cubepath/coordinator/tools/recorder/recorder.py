@@ -387,7 +387,7 @@ def record(
     patience_s: float = 10.0,
     say: Callable[[str], None] = lambda _: None,
 ) -> Recorder:
-    """Attach to a live run and record it from outside, as ``cubepath record --connect`` does.
+    """Attach to a live run and record it from outside, as ``cubepath log record --connect`` does.
 
     `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
     are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.

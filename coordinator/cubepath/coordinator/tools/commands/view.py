@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.plan_options import (
+from cubepath.coordinator.commands.path_options import (
     INPUT_HELP,
     add_plan_options,
     hints,
     solved,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.live import (
     add_connect_options,
     check_no_connect_options,
@@ -40,9 +40,9 @@ _NUMBERS = re.compile(
 _NUMBERS_MAX = 1000
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    view = command("view", _view)
+def add_view(view: argparse.ArgumentParser) -> None:
+    """Add the options of ``view``."""
+    view.set_defaults(command=_view)
     view.add_argument(
         "input",
         type=input_path,
@@ -60,7 +60,7 @@ def add_commands(command: AddCommand) -> None:
     )
     view.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         metavar="PICTURE",
         help="file to write: .png, .svg, .pdf, .gif for a film, or .html to play it in a browser"
@@ -75,7 +75,6 @@ def add_commands(command: AddCommand) -> None:
         metavar="INPUT",
         help="the path that a certificate is of: it names moves by their numbers there",
     )
-    add_plan_options(view)
     view.add_argument(
         "--what",
         choices=("run", "schedule", "both"),
@@ -84,15 +83,6 @@ def add_commands(command: AddCommand) -> None:
         " of the normal cube path; or, in a film, both side by side",
     )
     view.add_argument(
-        "--fps",
-        type=number("a number from 0.01 to 50", lambda rate: 0.01 <= rate <= 50),
-        metavar="N",
-        help="frames a second of a film, 0.01 to 50 (default 4)",
-    )
-    add_connect_options(view)
-
-    view.add_argument("--dark", action="store_true", help="draw on dark ground")
-    view.add_argument(
         "--rounds",
         type=_numbers,
         dest="states",
@@ -100,20 +90,30 @@ def add_commands(command: AddCommand) -> None:
         help="of a picture: the rounds, levels or cubes after which states are shown; 0 is the"
         " start, and A-B:C every C-th of A to B (default: six, evenly spread)",
     )
+    view.add_argument("--dark", action="store_true", help="draw on dark ground")
     view.add_argument("--title", help="of a picture: in place of the name of the system")
-    view.add_argument("--caption", help="of a picture: text below it")
-    view.add_argument(
+    more = more_options(view)
+    add_connect_options(view, more)
+    more.add_argument("--caption", help="of a picture: text below it")
+    more.add_argument(
         "--parts",
         choices=("both", "states", "schedule"),
         help="of a picture: the states alone, the schedule alone, or both (default)",
     )
-    view.add_argument(
+    more.add_argument(
         "--zoom",
         action="store_true",
         default=None,
         help="of a picture: frame each state around its modules, all at one scale (default: where"
         " modules on an endless lattice would be too small to read)",
     )
+    more.add_argument(
+        "--rate",
+        type=number("a number from 0.01 to 50", lambda rate: 0.01 <= rate <= 50),
+        metavar="R",
+        help="of a film: R rounds, moves or cubes a second, 0.01 to 50 (default 4)",
+    )
+    add_plan_options(more)
 
 
 def _numbers(text: str) -> tuple[int, ...]:
@@ -174,15 +174,15 @@ def _view_path(options: argparse.Namespace) -> int:
     )
     from cubepath.coordinator.tools.viewing.pages import PAGE_SUFFIXES  # noqa: PLC0415
 
-    if options.output is None and options.input == STANDARD_INPUT:
+    if options.out is None and options.input == STANDARD_INPUT:
         raise InputError("standard input: has no name for a picture, expected -o PICTURE")
-    path: Path = options.output or options.input.with_suffix(".png")
+    path: Path = options.out or options.input.with_suffix(".png")
     film, page = path.suffix.lower() in FILM_SUFFIXES, path.suffix.lower() in PAGE_SUFFIXES
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
     check_files(options, [options.input, options.other, options.of], Output(path, suffixes))
-    if options.fps is not None and not film:
+    if options.rate is not None and not film:
         what = "a page" if page else "a picture"
-        raise InputError(f"{path}: {what}, expected --fps with a film (.gif) alone")
+        raise InputError(f"{path}: {what}, expected --rate with a film (.gif) alone")
     if options.what == "both" and not film:
         what = "a page" if page else "a picture"
         raise InputError(f"{path}: {what}, expected --what both with a film (.gif) alone")
@@ -235,15 +235,15 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
 
     source: Path = options.input
     given = {"OTHER": options.other, "--system": options.system, "--of": options.of}
-    given |= {"--format": options.format, "--with": options.companions, "--fps": options.fps}
+    given |= {"--format": options.format, "--with": options.companions, "--rate": options.rate}
     given |= {"--rounds": options.states, "--parts": options.parts}
     given["--what"] = None if options.what == "run" else options.what
     for name, value in given.items():
         if value:
             raise InputError(f"{source}: a scene without a run, expected no {name}")
-    if options.output is None and source.suffix != ".toml":
+    if options.out is None and source.suffix != ".toml":
         raise InputError(f"{source}: no file, expected -o PICTURE")
-    path: Path = options.output or source.with_suffix(".png")
+    path: Path = options.out or source.with_suffix(".png")
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         suffixes = ", ".join(PICTURE_SUFFIXES)
         raise InputError(f"{path}: {source} is a scene without a run, expected {suffixes}")
@@ -280,7 +280,7 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
     from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate  # noqa: PLC0415
     from cubepath.coordinator.runs.side_by_side import animate_beside  # noqa: PLC0415
 
-    rate: float = options.fps or FRAMES_PER_SECOND
+    rate: float = options.rate or FRAMES_PER_SECOND
     with progress_bar(None, "film", " frames") as bar:
 
         def progress(done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""The command that checks whether a rule is local: ``cubepath check-rule``."""
+"""The commands ``cubepath rule check`` and ``cubepath rule list``."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import argparse
 import time
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, table
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.coordinator.commands.usage import number, whole
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.agents.locality.check import Checked
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the command and its options."""
-    check = command("check-rule", _check_rule)
+def add_rule_check(check: argparse.ArgumentParser) -> None:
+    """Add the options of ``rule check``."""
+    check.set_defaults(command=_check)
     check.add_argument("rule", metavar="RULE", help="a name, or FILE.py:NAME of a RuleType")
     check.add_argument(
         "systems",
@@ -45,11 +46,11 @@ def add_commands(command: AddCommand) -> None:
     )
 
 
-def _check_rule(options: argparse.Namespace) -> int:
+def _check(options: argparse.Namespace) -> int:
     from cubepath.agents.locality.check import check_rule  # noqa: PLC0415 - only what is needed
 
     began = time.monotonic()
-    with progress_bar(None, "check-rule", " plays") as bar:
+    with progress_bar(None, "rule check", " plays") as bar:
         found = check_rule(
             options.rule,
             options.systems or None,
@@ -91,3 +92,51 @@ def _text(found: Checked, seconds: float) -> str:
     ]
     lines = [f"  {visible(each.text)}" for each in found.findings]
     return "\n".join([table(rows), *lines])
+
+
+def add_rule_list(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``rule list``."""
+    parser.set_defaults(command=_list)
+
+
+def _list(options: argparse.Namespace) -> int:
+    from cubepath.agents.rules.registry import (  # noqa: PLC0415
+        misfit,
+        rules,
+    )
+    from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
+
+    scenes = {name: scene_from_spec(name) for name in all_families()}
+    scenes = {name: scene for name, scene in scenes.items() if scene.system.local}
+    document: list[dict[str, object]] = []
+    lines: list[str] = []
+    for rule in rules().values():
+        try:
+            fitting = [
+                name
+                for name, scene in scenes.items()
+                if rule.is_for(scene.system) and misfit(rule, scene) is None
+            ]
+        except InputError as error:
+            complain(str(error))
+            continue
+        free = None if rule.free is None else rule.free.why
+        document.append(
+            {
+                "name": rule.name,
+                "summary": rule.summary,
+                "source": rule.source,
+                "systems": fitting,
+                "clocks": list(rule.clocks),
+                "free": free,
+            }
+        )
+        lines += [
+            f"{rule.name}: {rule.summary}",
+            f"    for {', '.join(fitting)}",
+            f"    clocks: {', '.join(rule.clocks)}" + (f"; without rounds: {free}" if free else ""),
+            f"    source: {rule.source}",
+        ]
+    answer(options, document, "\n".join(lines))
+    return DONE

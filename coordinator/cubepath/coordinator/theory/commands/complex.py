@@ -1,10 +1,9 @@
-"""The commands on complexes: ``cubepath complex`` and ``cubepath paper``."""
+"""The command ``cubepath complex``."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import (
@@ -17,21 +16,19 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:
     from cubepath.coordinator.theory.complexes.report import ComplexReport
-    from cubepath.coordinator.theory.paper.registry import ClaimResult
     from cubepath.protocol.core.system import Scene
 
 
-def add_commands(command: AddCommand) -> None:
-    """Add the commands and their options."""
-    complex_ = command("complex", _complex)
-    complex_.set_defaults(smaller="a smaller system or --max-states N")
+def add_complex(complex_: argparse.ArgumentParser) -> None:
+    """Add the options of ``complex``."""
+    complex_.set_defaults(command=_complex, smaller="a smaller system or --max-states N")
     complex_.add_argument(
         "system", metavar="SYSTEM", help=SYSTEM_HELP.replace(" (default hex)", "")
     )
@@ -52,14 +49,12 @@ def add_commands(command: AddCommand) -> None:
     )
     complex_.add_argument(
         "-o",
-        "--output",
+        "--out",
         type=output_path,
         metavar="FILE",
         help="write it: .json, or .png, .svg, .pdf",
     )
     complex_.add_argument("--dark", action="store_true", help="draw it on dark ground")
-
-    command("paper", _paper)
 
 
 def _complex(options: argparse.Namespace) -> int:
@@ -69,7 +64,7 @@ def _complex(options: argparse.Namespace) -> int:
     from cubepath.coordinator.theory.complexes.report import complex_report  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
-    output: Path | None = options.output
+    output: Path | None = options.out
     check_files(options, [], Output(output, (".json", *SUFFIXES)))
     if options.dark and (output is None or output.suffix.lower() == ".json"):
         raise InputError("--dark: is for a picture, expected -o FILE.png, .svg or .pdf")
@@ -188,50 +183,3 @@ def _torsion(torsion: tuple[tuple[int, ...], ...]) -> list[str]:
         for k, factors in enumerate(torsion)
         if factors
     ]
-
-
-def _paper(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims  # noqa: PLC0415
-
-    claims = all_claims()
-    rows: list[ClaimResult] = []
-    with progress_bar(len(claims), "paper", " claims") as bar:
-
-        def note(row: ClaimResult) -> None:
-            rows.append(row)
-            bar.update()
-
-        try:
-            compute_claims(claims, note)
-        except KeyboardInterrupt:
-            bar.close()
-            _say_rows(options, rows)  # keep what was computed
-            raise
-    _say_rows(options, rows)
-    wrong = [row for row in rows if not row.as_expected]
-    for row in wrong:
-        complain(f"{row.item}: not what is known to come out: {row.computed}")
-    return FAILED if wrong else DONE
-
-
-def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
-    lines = []
-    for row in rows:
-        mark = {True: "agrees", False: "DIFFERS", None: "open"}[row.agrees]
-        lines += [
-            f"{mark:<8} {row.item}  ({row.seconds:.1f} s)",
-            *_wrapped("claim", row.claim),
-            *_wrapped("computed", row.computed),
-        ]
-    found = [sum(row.agrees is outcome for row in rows) for outcome in (True, False, None)]
-    lines.append(f"{len(rows)} claims: {found[0]} agree, {found[1]} differ, {found[2]} open")
-    answer(options, [row.document() for row in rows], "\n".join(lines))
-
-
-def _wrapped(name: str, text: str) -> list[str]:
-    return fill(
-        text,
-        width=100,
-        initial_indent=f"         {name:<9} ",
-        subsequent_indent=" " * 19,
-    ).splitlines()

@@ -1,0 +1,139 @@
+"""The commands ``cubepath log info`` and ``cubepath log recover``; tools have the others."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import DONE, answer, complain
+from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.recordings import (
+    LOGS_HELP,
+    Progress,
+    RecordingAnswer,
+    answer_each,
+    check_used,
+    verified,
+)
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted, visible
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.protocol.core.system import Scene
+    from cubepath.protocol.recordings.remains import Remains
+
+
+def add_log_info(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``log info``."""
+    parser.set_defaults(command=_info)
+    parser.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=LOGS_HELP)
+
+
+def _info(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    def one(path: Path, _tell: Progress) -> RecordingAnswer:
+        found = info(read_recording(path))
+        return RecordingAnswer(found, render(found))
+
+    check_files(options, options.logs)
+    return answer_each(options, "info", one)
+
+
+def add_log_recover(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``log recover``."""
+    parser.set_defaults(command=_recover)
+    parser.add_argument("source", type=input_path, metavar="LOG", help="a damaged recording")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=output_path,
+        required=True,
+        metavar="OUT",
+        help="the new recording; exit code 2 only if nothing can be read",
+    )
+    parser.add_argument("--system", metavar="SYSTEM", help="the system of the run, if it is lost")
+    parser.add_argument(
+        "--rule",
+        action="append",
+        default=[],
+        metavar="FILE.py:NAME",
+        help="ask the rule in this file again where the recording names a file of that name",
+    )
+
+
+def _recover(options: argparse.Namespace) -> int:
+    """Verify one recording, and write what can be read of it to another.
+
+    The exit code says whether there is anything of it, since that it is damaged is known.
+    """
+    from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
+    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
+    from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
+    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
+    from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
+    from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
+
+    check_files(options, [options.source], Output(options.out))
+    for rule in options.rule:
+        check_rule_file(rule)
+    if options.out.is_file():
+        raise InputError(f"{options.out}: exists already, expected a new file")
+    scene = _scene(options)
+    with progress_bar(None, "verify", " rounds") as bar:
+        remains = remains_of(options.source)
+        remains = remains if scene is None else with_told_scene(remains, scene)
+        recording = remains.recording()
+        if recording is not None:
+            check_used(options.rule, unused_rules(recording, options.rule))
+        told = (
+            _alone(remains)
+            if recording is None
+            else verified(
+                recording,
+                audit(recording, bar.update, rules=options.rule),
+            )
+        )
+    try:
+        saved = recover(recording or remains, options.out)
+    finally:
+        answer(options, told.document, told.text)
+    step = "level" if remains.format == FREE_FORMAT else "whole round"
+    known = "" if recording is None else f", {counted(saved.rounds, step)}"
+    complain(f"{saved.out}: {counted(saved.messages, 'message')} written{known}")
+    for each in told.complaints:
+        complain(each)
+    if scene is not None and "scene is lost" in " ".join(remains.problems):
+        _doubt(told, scene.spec)
+    return DONE
+
+
+def _doubt(told: RecordingAnswer, system: str) -> None:
+    """Say which checks fail with a scene that was told: maybe it is another one."""
+    checks = told.document.get("checks", ())
+    damage = ("readable", "complete")
+    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] not in damage]
+    if wrong:
+        complain(f"with --system {system} {', '.join(wrong)} fail: is the run of another system?")
+
+
+def _scene(options: argparse.Namespace) -> Scene | None:
+    """Return the scene that was told for a recording that has lost its own."""
+    if options.system is None:
+        return None
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
+
+    return scene_from_spec(options.system)
+
+
+def _alone(remains: Remains) -> RecordingAnswer:
+    """Return what is to be said of messages whose scene is lost."""
+    told = remains.parameters.get("system", "SYSTEM")
+    why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
+    hint = f"the same with --system {told} makes a recording of them"
+    document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
+    text = "\n".join(map(visible, remains.problems))
+    return RecordingAnswer(document, text, complaints=(f"{why}; {hint}",))
