@@ -231,7 +231,7 @@ def _run_id(text: str) -> str:
 
 def _run(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.plan import Plan  # noqa: PLC0415 - only what a command needs
-    from cubepath.coordinator.runs.running import Running  # noqa: PLC0415
+    from cubepath.coordinator.runs.run import Run  # noqa: PLC0415
 
     check_files(options, [options.schedule])
     if options.log == STANDARD_OUTPUT:
@@ -275,7 +275,7 @@ def _run(options: argparse.Namespace) -> int:
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            running = Running(plan, watch=watch, say=say)
+            running = Run(plan, watch=watch, say=say)
             with plugin("watched")(options, running, say):
                 outcome = running.play_from_the_start()
     rows: list[tuple[str, object]] = [

@@ -13,12 +13,13 @@ from pathlib import Path
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.registry import permitted_rule, rule_named
 from cubepath.agents.rules.schedule import Recorded
+from cubepath.coordinator.runs.driver import Say
 from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.listeners import Watch
 from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
-from cubepath.coordinator.runs.running import Running, Say
-from cubepath.coordinator.runs.standing import Watch
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.stages import Stage, spans, stages_text
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import whole_number
@@ -105,7 +106,7 @@ def what_if(
         if watch is not None:
             watch(gatherer)
 
-    return Running(plan, watch=compared, say=say, branch=branch).play_from_the_start()
+    return Run(plan, watch=compared, say=say, branch=branch).play_from_the_start()
 
 
 def _check_silence(record: OnRecord, first: int) -> None:

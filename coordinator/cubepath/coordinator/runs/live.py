@@ -27,6 +27,8 @@ from cubepath.agents.rules.registry import (
 )
 from cubepath.agents.rules.schedule import Recorded
 from cubepath.coordinator.runs.continuing import parent_parameters
+from cubepath.coordinator.runs.driver import Say
+from cubepath.coordinator.runs.listeners import TappedMessage, Watch
 from cubepath.coordinator.runs.on_record import (
     OnRecord,
     Words,
@@ -35,9 +37,7 @@ from cubepath.coordinator.runs.on_record import (
     tell_damages,
 )
 from cubepath.coordinator.runs.plan import Branch, Plan
-from cubepath.coordinator.runs.running import Running, Say
-from cubepath.coordinator.runs.standing import Watch
-from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.stages import Stage, spans, stages_text
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -190,7 +190,7 @@ def replay_live(
             wait_for=wait_for,
         )
         branch = _branch(record, stage, name, live, told)
-        running = Running(plan, watch=watch, say=say, branch=branch)
+        running = Run(plan, watch=watch, say=say, branch=branch)
         other = None if own == told else (_notes(told), _notes(own))
         return _played(record, live, running, other, kept)
 
@@ -276,7 +276,7 @@ class _Ear:
         self.words: dict[int, Words] = {}
         self.refused: str | None = None
 
-    def hear(self, overheard: Overheard) -> None:
+    def hear(self, overheard: TappedMessage) -> None:
         message = overheard.message
         if isinstance(message, Note | Claim | Verdict | Report):
             self.words.setdefault(message.round, {})[overheard.kind, message.module] = message
@@ -287,7 +287,7 @@ class _Ear:
 def _played(
     record: OnRecord,
     live: tuple[int, ...],
-    running: Running,
+    running: Run,
     other: tuple[str, str] | None,
     kept: str | None,
 ) -> LiveReplay:

@@ -42,7 +42,7 @@ class Shrinkable(Protocol):
         ...
 
 
-class Run(Protocol):
+class SimulatedRun(Protocol):
     """A run that may have failed."""
 
     @property
@@ -66,7 +66,7 @@ class Run(Protocol):
         ...
 
 
-_Run = TypeVar("_Run", bound=Run)
+_Run = TypeVar("_Run", bound=SimulatedRun)
 Play = Callable[[Any, Faults], _Run]
 """Simulates a scenario under faults."""
 Draw = Callable[[Any, str], Faults]

@@ -341,7 +341,7 @@ def watch_run(
 ) -> RemoteRunPage:
     """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
     are several. The page begins where the run stands; of a run without rounds it has all levels. It
     has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
 

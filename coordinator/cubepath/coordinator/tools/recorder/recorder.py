@@ -389,7 +389,7 @@ def record(
 ) -> Recorder:
     """Attach to a live run and record it from outside, as ``cubepath record --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
     are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
     `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
     `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
