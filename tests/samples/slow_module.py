@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 from cubepath.agents.free import mover
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import THINK_S, FreeOrders
+from cubepath.agents.free.mover import THINK_S, FreeProcessConfig
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
@@ -140,7 +140,7 @@ def _host(
     slow: int,
     seed: int,
 ) -> Node:
-    orders = FreeOrders(
+    orders = FreeProcessConfig(
         endpoint="",
         run="run",
         process=process,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.environments.playing import play
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
@@ -482,7 +482,7 @@ def test_a_process_is_handed_the_moves_of_its_modules_alone() -> None:
     """And each module is the mover of all that is on its list."""
     first = original(*VEHICLES)
     assignment = assignment_of(read_schedule(first.path), first.scene)
-    fleet = Fleet(first.scene, "tswap", processes=2, schedule=assignment.own)
+    fleet = LockstepFleet(first.scene, "tswap", processes=2, schedule=assignment.own)
     for modules in fleet.modules_of:
         handed = fleet._own(modules)
         assert handed is not None

@@ -8,8 +8,8 @@ from random import Random
 import msgspec
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.simulation.faults import LIES, SAYS, Drawn, Fault, Listed
 from cubepath.coordinator.simulation.scenarios import Asked, Scenario
 from cubepath.coordinator.simulation.simulated import LIE, Simulated, simulate
@@ -134,7 +134,7 @@ class Forger(HostNode):
         if not isinstance(effect, Put):
             return effect
         message = decode(effect.data)
-        if not isinstance(message, Said) or self._orders.process:
+        if not isinstance(message, Said) or self._config.process:
             return effect
         parts = [Here(each.round, each.module, [11, 2]) for each in message.parts]
         return Put(effect.key, encode(msgspec.structs.replace(message, parts=parts)))
@@ -143,7 +143,7 @@ class Forger(HostNode):
 def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
     """The check that no honest process is refused can fail."""
 
-    def make(orders: Orders, scene: Scene) -> Node:
+    def make(orders: ProcessConfig, scene: Scene) -> Node:
         return Forger(orders, scene)
 
     found = simulate(GRID, Listed([Fault(SAYING, 400, "lie-double")]), make=make)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
@@ -167,7 +167,7 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
     """What comes after a difference says nothing more; the recording can be read up to there."""
     other = replace(HEX, seed=8, hesitate=0.5)
 
-    def make(orders: Orders, scene: Scene) -> Node:
+    def make(orders: ProcessConfig, scene: Scene) -> Node:
         return HostNode(msgspec.structs.replace(orders, seed=9), scene)
 
     found = simulate(other, Listed(()), make=make)

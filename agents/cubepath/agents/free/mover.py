@@ -4,9 +4,8 @@ It enters, senses, lets its rule choose, and attempts what that chose; it goes o
 came of that. It acts only through the PettingZoo observation, mask and action. It is called
 whenever something that it senses may have changed, or when it is due.
 
-What a module process is told at its birth, in a run without rounds.
-
-The fleet and the simulator give the same orders.
+The configuration of a module process in a run without rounds, which the fleet and the simulator
+give alike.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     after: list[tuple[Json, int, int | None]]
 
 
-class FreeOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a module process is told."""
+class FreeProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The configuration of a module process."""
 
     endpoint: str
     run: str

@@ -1,8 +1,6 @@
 """A keeper as a node: strict decoding, keys, and ticks.
 
-What a keeper is told at its birth.
-
-The fleet and the simulator give the same orders.
+The configuration of a keeper, which the fleet and the simulator give alike.
 """
 
 from __future__ import annotations
@@ -34,8 +32,8 @@ from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sayings import Sayings
 
 
-class KeeperOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a keeper is told."""
+class KeeperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The configuration of a keeper."""
 
     endpoint: str
     run: str

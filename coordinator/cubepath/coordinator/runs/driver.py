@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.processes.network import Way
 from cubepath.coordinator.runs.asking import About, Answers, Release, Status
 from cubepath.coordinator.runs.conductor import Ending
@@ -33,7 +33,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 
 Say: TypeAlias = Callable[[str], None]
 Pace: TypeAlias = Callable[[], float]
-FleetType = TypeVar("FleetType", Fleet, FreeFleet)
+FleetType = TypeVar("FleetType", LockstepFleet, FreeFleet)
 INTERRUPTED = Ending("interrupted", "interrupted")
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.runs.driver import Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -18,7 +18,7 @@ from cubepath.protocol.wire.messages import Message, encode
 from cubepath.protocol.wire.nodes import Keep
 
 
-class LockstepDriver(Driver[Fleet]):
+class LockstepDriver(Driver[LockstepFleet]):
     """A run in progress: wire messages are recorded as they arrive, edges round by round.
 
     Cubes, certificate and summary, the coordinator's own results, are written at the end.
@@ -54,7 +54,7 @@ class LockstepDriver(Driver[Fleet]):
             check()
             self.writer.flush_if_due()
 
-        fleet = self._fleet = Fleet(
+        fleet = self._fleet = LockstepFleet(
             task.scene,
             task.rule,
             seed=plan.seed,

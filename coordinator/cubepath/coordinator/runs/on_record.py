@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cubepath.agents.processes.orders import OUTSIDE
+from cubepath.agents.processes.config import OUTSIDE
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoice
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full

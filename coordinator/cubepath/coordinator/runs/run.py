@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self, TypeAlias
 
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.coordinator.runs.asking import Status
 from cubepath.coordinator.runs.driver import Driver, Pace, RunContext, Say
@@ -35,7 +35,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import check_descriptors
 
-AnyDriver: TypeAlias = Driver[Fleet] | Driver[FreeFleet]
+AnyDriver: TypeAlias = Driver[LockstepFleet] | Driver[FreeFleet]
 _TIMEOUT_S = 60.0
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Literal
 
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import FreeOrders
+from cubepath.agents.free.mover import FreeProcessConfig
 from cubepath.agents.keepers.journal import Journal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
@@ -246,7 +246,7 @@ class _Run:
         scenario = self.scenario
         self._births[process] += 1
         factors = scenario.factors
-        orders = FreeOrders(
+        config = FreeProcessConfig(
             endpoint="",
             run=RUN,
             process=process,
@@ -260,7 +260,7 @@ class _Run:
             speeds={module: factors[module % len(factors)] for module in self._modules_of[process]},
             jitter=_JITTER,
         )
-        node = FreeHostNode(orders, self.scene)
+        node = FreeHostNode(config, self.scene)
         self._hosts[name] = node
         return node
 

@@ -19,10 +19,10 @@ import msgspec
 
 from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import Played
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, Ending
@@ -50,7 +50,7 @@ _START_US, _NEXT_START_US = 500, 50
 before it starts them."""
 LIE = "lie"
 """How a run came out that liars have ended."""
-MakeNode = Callable[[Orders, Scene], Node]
+MakeNode = Callable[[ProcessConfig, Scene], Node]
 """Makes the node of a module process; tests give nodes with a bug in them."""
 
 _STEPS_MAX, _STEPS_A_ROUND = 50_000, 3_000
@@ -108,9 +108,9 @@ class Simulated:
         return next((kind for kind in kinds if kind in ENDING), lie)
 
 
-def host_node(orders: Orders, scene: Scene) -> Node:
+def host_node(config: ProcessConfig, scene: Scene) -> Node:
     """Return the node of a module process, as a real one has it."""
-    return HostNode(orders, scene)
+    return HostNode(config, scene)
 
 
 def process_names(scenario: Scenario) -> list[str]:
@@ -246,8 +246,8 @@ class _Run:
         try:
             network.add(COORDINATOR, lambda: self._coordinator)
             for process, modules in enumerate(self._modules_of):
-                orders = self._orders(process, modules)
-                make = partial(self._node, orders)
+                config = self._config(process, modules)
+                make = partial(self._node, config)
                 network.add(f"process_{process}", make, _START_US + process * _NEXT_START_US)
             network.on_death(self._coordinator.died)
             network.run(
@@ -261,9 +261,9 @@ class _Run:
             self.ending = self._coordinator.ending
         return None
 
-    def _node(self, orders: Orders) -> Node:
+    def _node(self, config: ProcessConfig) -> Node:
         """Return the node of a process, which may be a liar."""
-        node, name = self._make(orders, self.scene), f"process_{orders.process}"
+        node, name = self._make(config, self.scene), f"process_{config.process}"
         if name not in self._faults.liars:
             return node
         return Liar(
@@ -283,8 +283,8 @@ class _Run:
             fault.where.removesuffix(SAYS) for fault in self.network.fired if fault.kind in LIES
         )
 
-    def _orders(self, process: int, modules: list[int]) -> Orders:
-        return Orders(
+    def _config(self, process: int, modules: list[int]) -> ProcessConfig:
+        return ProcessConfig(
             endpoint="",
             run=RUN,
             process=process,

@@ -1,6 +1,4 @@
-"""What a module process is told at its birth.
-
-The coordinator's fleet and the simulator give the same orders.
+"""The configuration of a module process, which the fleet and the simulator give alike.
 
 What each module of a process follows: its rule, a schedule, or a record of its own part.
 """
@@ -24,8 +22,8 @@ OUTSIDE = "outside"
 """Instead of a rule's name: the modules are driven from outside, by `Acts` messages."""
 
 
-class Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a process is told at its birth."""
+class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The configuration of a module process."""
 
     endpoint: str
     run: str
@@ -48,12 +46,12 @@ class Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def at_birth(
-    orders: Orders, scene: Scene, rule: RuleType, seed: int
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int
 ) -> tuple[dict[int, Actor], int]:
     """Return an actor for each module, by number, and the length of the notes."""
-    modules, told, doubt = orders.modules, orders.recorded, orders.hesitate
+    modules, told, doubt = config.modules, config.recorded, config.hesitate
     if told is None:
-        first = rule if orders.schedule is None else scheduled(orders.schedule)
+        first = rule if config.schedule is None else scheduled(config.schedule)
         actors = actors_for(scene, first, seed=seed, hesitate=doubt, modules=modules)
         return actors, first.length(len(scene.start))
     bound = [module for module in modules if module in told.choices]
@@ -64,21 +62,21 @@ def at_birth(
 
 
 def afterwards(
-    orders: Orders, scene: Scene, rule: RuleType, seed: int, sites: Mapping[int, Site]
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int, sites: Mapping[int, Site]
 ) -> tuple[dict[int, Actor], int]:
     """Return the same for when the schedule or the record is over, and modules are at `sites`."""
-    told = orders.recorded
+    told = config.recorded
     others = {} if told is None else told.rules
     if told is not None and told.seeds:
         seed = told.seeds[-1][1]
     actors: dict[int, Actor] = {}
-    for name in sorted({others.get(module, "") for module in orders.modules}):
+    for name in sorted({others.get(module, "") for module in config.modules}):
         actors |= actors_for(
             scene,
             rule_named(name, scene.system) if name else rule,
             seed=seed,
-            hesitate=orders.hesitate,
-            modules=[module for module in orders.modules if others.get(module, "") == name],
+            hesitate=config.hesitate,
+            modules=[module for module in config.modules if others.get(module, "") == name],
             sites=sites,
         )
     return actors, rule.length(len(scene.start))
