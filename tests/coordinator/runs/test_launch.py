@@ -40,7 +40,7 @@ from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from samples.recordings import parts
 
 PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
-LONG = ["--rule=random", "--max-rounds=999999"]
+LONG = ["--rule=random", "--max-rounds=20000"]
 KEYS = [
     "log",
     "system",

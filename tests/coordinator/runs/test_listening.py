@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal
 
 import pytest
@@ -17,8 +18,10 @@ from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.writing import RecordingFull, RecordingWriter
 from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, subscribe
 from processes.living import is_there
 
 SYSTEM = "hex:n=4"
@@ -135,6 +138,45 @@ def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Pat
         assert not running.step()
         assert not any(map(is_there, pids))
         whole(running, "interrupted")
+
+
+@pytest.mark.few(1)
+@pytest.mark.slow
+@CLOCKS
+@pytest.mark.parametrize("kind", ["cube", "certificate", "summary"])
+def test_an_interrupt_while_results_are_written_loses_none(
+    kind: str, clock: Clock, tmp_path: Path
+) -> None:
+    """It is raised when they are on record, each of them once."""
+    log = tmp_path / "a.mcap"
+    with start(SYSTEM, clock=clock, processes=1, keepers=1, log=log) as running:
+        running.listen(Raises(kind, error=KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            running.play()
+        kinds = [each.kind for each in read_recording(log).records]
+        assert kinds.count("cube") == running.outcome.cubes
+        whole(running, "goal")
+
+
+@CLOCKS
+def test_results_are_published_though_the_disk_is_full(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever listens is told how the run ended, and why."""
+    heard: SimpleQueue[str] = SimpleQueue()
+    with (
+        start(SYSTEM, clock=clock, processes=1, keepers=1, log=tmp_path / "a.mcap") as running,
+        open_client(running.endpoint) as guest,
+    ):
+        key = f"cubepath/{running.run}/summary/**"
+        subscribe(guest, key, lambda each: heard.put(each.payload.to_string()))
+
+        def full(_: RecordingWriter) -> None:
+            raise RecordingFull("the disk is full")
+
+        monkeypatch.setattr(RecordingWriter, "flush", full)
+        assert running.play().ended == "failed"
+        assert "the disk is full" in heard.get(timeout=30)
 
 
 @pytest.mark.few(1)
