@@ -20,7 +20,8 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json

@@ -21,8 +21,13 @@ from cubepath.agents.rules.registry import permitted_rule, rule_named, rules
 from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
-from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.coordinator.verification.stages import Stage, spans, stages_in
+from cubepath.coordinator.verification.parameters import (
+    Stage,
+    hesitation_in,
+    seed_in,
+    spans,
+    stages_in,
+)
 from cubepath.coordinator.verification.transcript import Transcript, site_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError

@@ -158,8 +158,10 @@ def _recover(options: argparse.Namespace, source: Source) -> int:
     The exit code says whether there is anything of it, since that it is damaged is known.
     """
     from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
-    from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
-    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
+    from cubepath.coordinator.verification.recovery import (  # noqa: PLC0415
+        recover,
+        with_told_scene,
+    )
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 

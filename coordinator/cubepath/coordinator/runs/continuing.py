@@ -20,7 +20,7 @@ from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.coordinator.verification.parameters import Stage, spans, stages_text
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.core.input_files import Source

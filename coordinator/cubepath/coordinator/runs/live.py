@@ -38,7 +38,7 @@ from cubepath.coordinator.runs.on_record import (
 )
 from cubepath.coordinator.runs.plan import Branch, Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.coordinator.verification.parameters import Stage, spans, stages_text
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source

@@ -14,9 +14,15 @@ from cubepath.agents.processes.config import OUTSIDE
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoice
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
-from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
+from cubepath.coordinator.verification.parameters import (
+    Stage,
+    hesitation_in,
+    max_rounds_in,
+    seed_in,
+    spans,
+    stages_in,
+)
 from cubepath.coordinator.verification.partial import hole_in
-from cubepath.coordinator.verification.stages import Stage, spans, stages_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text

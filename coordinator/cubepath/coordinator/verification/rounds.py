@@ -20,7 +20,7 @@ from hashlib import blake2b, sha256
 
 import msgspec
 
-from cubepath.coordinator.verification.stages import Stage
+from cubepath.coordinator.verification.parameters import Stage
 from cubepath.coordinator.verification.transcript import (
     Fail,
     ModuleMessage,

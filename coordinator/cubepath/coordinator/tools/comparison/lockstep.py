@@ -19,8 +19,8 @@ from cubepath.coordinator.tools.comparison.results import (
     MessageDifference,
     MoveDifference,
 )
+from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
-from cubepath.coordinator.verification.stages import stages_in
 from cubepath.coordinator.verification.transcript import Round, site_in
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site

@@ -25,8 +25,13 @@ from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.tools.comparison.lockstep import chosen, note_of
 from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, moments
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
-from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.coordinator.verification.stages import RECORDED, Stage, stages_in
+from cubepath.coordinator.verification.parameters import (
+    RECORDED,
+    Stage,
+    hesitation_in,
+    seed_in,
+    stages_in,
+)
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene, System
