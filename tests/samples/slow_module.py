@@ -15,8 +15,9 @@ from statistics import median
 from unittest.mock import patch
 
 from cubepath.agents.free import mover
+from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import THINK_S, FreeProcessConfig
+from cubepath.agents.free.mover import THINK_S
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode

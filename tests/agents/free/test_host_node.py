@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cubepath.agents.free.host_node import HALT_S, TICK_S_MAX, FreeHostNode
-from cubepath.agents.free.mover import FreeProcessConfig
+from cubepath.agents.free.config import HALT_S, FreeProcessConfig
+from cubepath.agents.free.host_node import TICK_S_MAX, FreeHostNode
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode

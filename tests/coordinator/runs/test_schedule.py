@@ -19,7 +19,8 @@ from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
+from cubepath.coordinator.runs.schedule import Assignment
+from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.catalogue import GeneratorPlacement

@@ -11,12 +11,12 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal, TypeAlias
+from typing import IO
 
 import msgspec
 
-from cubepath.agents.free.mover import FreeProcessConfig, OwnMove
-from cubepath.agents.keepers.node import KeeperConfig
+from cubepath.agents.free.config import FreeProcessConfig, OnCrash, OwnMove
+from cubepath.agents.keepers.config import KeeperConfig
 from cubepath.agents.processes.child_processes import Ended
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import ProcessFleet
@@ -35,8 +35,6 @@ from cubepath.protocol.wire.credentials import (
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 
-OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
-ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
 """So long processes may take to end that were told to; killed they lose nothing either."""

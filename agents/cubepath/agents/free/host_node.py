@@ -6,7 +6,8 @@ which comes a while after it was asked for; that is enough to ask again.
 
 from __future__ import annotations
 
-from cubepath.agents.free.mover import Ask, FreeProcessConfig, Mover, paces
+from cubepath.agents.free.config import HALT_S, FreeProcessConfig
+from cubepath.agents.free.mover import Ask, Mover, paces
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled
@@ -38,8 +39,6 @@ from cubepath.protocol.wire.sayings import Sayings
 from cubepath.protocol.wire.tiles import Tiles
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
-HALT_S = 5.0
-"""How long modules halt that were told to, unless they are told again."""
 _SWEEP_S = 1.0
 """How often tiles that nobody needs are looked for."""
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import sys
 
+from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import FreeProcessConfig
 from cubepath.protocol.wire.shell import run_node, serve
 
 

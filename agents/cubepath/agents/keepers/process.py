@@ -9,9 +9,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from cubepath.agents.keepers.config import KeeperConfig
 from cubepath.agents.keepers.journal import FileJournal, Opened
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.keepers.node import KeeperConfig, KeeperNode
+from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.shell import run_node, serve

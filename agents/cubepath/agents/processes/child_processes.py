@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from importlib import import_module
 from typing import IO, NamedTuple
 
 import msgspec
@@ -73,12 +73,12 @@ class ChildProcesses:
             child.stdin.write(msgspec.json.encode(config) + b"\n")
             child.stdin.flush()
 
-    def serve_here(self, name: str, work: Callable[[], None]) -> None:
-        """Do the work of a process in a thread."""
+    def serve_here(self, name: str, module: str, config: msgspec.Struct) -> None:
+        """Do the work of a process in a thread: the function `host` of its module."""
 
         def serve() -> None:
             try:
-                work()
+                import_module(module).host(config)
             except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
                 self._errors.append((name, error))
 

@@ -12,7 +12,6 @@ import time
 import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from typing import Self, TypeAlias
 
 from msgspec.structs import replace
@@ -20,7 +19,6 @@ from msgspec.structs import replace
 from cubepath.agents.processes.child_processes import ChildProcesses
 from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.dealing import dealt
-from cubepath.agents.processes.host import host
 from cubepath.agents.processes.joiners import Joiners
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.network import Network, Way, straight
@@ -119,6 +117,10 @@ class ProcessFleet(ABC):
     def _access(self, name: str) -> tuple[str, Credentials]:
         """Return where the process of this name finds the router, and its credentials."""
         return self._way(name, self.endpoint, self.credentials(name))
+
+    def start_again(self, name: str) -> None:
+        """Start a process again that has died; InputError for one that lives, or is unknown."""
+        raise InputError(f"{name}: started again only in runs without rounds (clock=free)")
 
     @property
     def pids(self) -> dict[str, int]:
@@ -235,7 +237,7 @@ class LockstepFleet(ProcessFleet):
             if self.processes:
                 self._children.spawn(name, _MODULE, config)
             else:
-                self._children.serve_here(name, partial(host, config))
+                self._children.serve_here(name, _MODULE, config)
         self._wait()
         self._joined = True
 

@@ -15,7 +15,7 @@ from cubepath.protocol.wire.shell import run_node, serve
 
 
 def host(config: ProcessConfig) -> None:
-    """Join the run and serve until `Go` says "stop"."""
+    """Join the run and serve until `Go` says "stop"; in a process or a thread."""
     run_node(HostNode(config), config.endpoint, config.credentials)
 
 

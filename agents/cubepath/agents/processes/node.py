@@ -9,12 +9,12 @@ missing it asks for again. What is refused (`judge`) has no effect.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import STAY, Observation, goal_sets
-from cubepath.agents.processes.config import OUTSIDE, ProcessConfig, afterwards, at_birth
+from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.judge import (
     ASK_S_MAX,
     ASK_S_MIN,
@@ -26,9 +26,10 @@ from cubepath.agents.processes.judge import (
     Spoken,
 )
 from cubepath.agents.processes.mailbox import Inbox, Outbox
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.schedule import as_recorded, scheduled
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -89,7 +90,7 @@ class HostNode:
         self._wait_s: float | None = None
         note_length = config.note_length
         if self._rule is not None:
-            self._actors, note_length = at_birth(config, scene, self._rule, seed)
+            self._actors, note_length = _at_birth(config, scene, self._rule, seed)
         self._judge.note_length = note_length
         later_seeds = () if config.recorded is None else config.recorded.seeds
         goals = goal_sets(scene)
@@ -425,7 +426,7 @@ class HostNode:
         config = self._config
         if self._rule is not None and (config.schedule, config.recorded) != (None, None):
             sites = {module: core.site for module, core in self._cores.items()}
-            self._actors, note_length = afterwards(
+            self._actors, note_length = _afterwards(
                 config, self._scene, self._rule, self._seed, sites
             )
             self._judge.note_length = note_length
@@ -470,3 +471,40 @@ def _observed(round_number: int, module: int, seen: Observation) -> Observed:
         action_mask=seen["action_mask"].tolist(),
         notes=seen["notes"].tolist() if "notes" in seen else [],
     )
+
+
+def _at_birth(
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int
+) -> tuple[dict[int, Actor], int]:
+    """Return an actor for each module, by number, and the length of the notes."""
+    modules, told, doubt = config.modules, config.recorded, config.hesitate
+    if told is None:
+        first = rule if config.schedule is None else scheduled(config.schedule)
+        actors = actors_for(scene, first, seed=seed, hesitate=doubt, modules=modules)
+        return actors, first.length(len(scene.start))
+    bound = [module for module in modules if module in told.choices]
+    free = [module for module in modules if module not in told.choices]
+    actors = actors_for(scene, as_recorded(told), seed=seed, hesitate=0.0, modules=bound)
+    actors |= actors_for(scene, rule, seed=seed, hesitate=doubt, modules=free)
+    return actors, told.note_length
+
+
+def _afterwards(
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int, sites: Mapping[int, Site]
+) -> tuple[dict[int, Actor], int]:
+    """Return the same for when the schedule or the record is over, and modules are at `sites`."""
+    told = config.recorded
+    others = {} if told is None else told.rules
+    if told is not None and told.seeds:
+        seed = told.seeds[-1][1]
+    actors: dict[int, Actor] = {}
+    for name in sorted({others.get(module, "") for module in config.modules}):
+        actors |= actors_for(
+            scene,
+            rule_named(name, scene.system) if name else rule,
+            seed=seed,
+            hesitate=config.hesitate,
+            modules=[module for module in config.modules if others.get(module, "") == name],
+            sites=sites,
+        )
+    return actors, rule.length(len(scene.start))

@@ -24,7 +24,6 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.coordinator.runs.free_gatherer import Released
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
@@ -131,7 +130,15 @@ class Status(msgspec.Struct, frozen=True):
     """How the run has ended, None if it goes on."""
 
 
-Release: TypeAlias = Callable[[int, int], Sequence[Released]]
+class Released(msgspec.Struct, frozen=True, array_like=True):
+    """A move of a run without rounds, with its level."""
+
+    level: int
+    generator: str
+    at: Json
+
+
+Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Json]]]
 """Returns the moves from a place on, so many at most; called in any thread."""
 MOVES_MAX = 10_000
 """So many moves are answered at one time at most."""

@@ -12,10 +12,9 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
-from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.fleet import LockstepFleet
+from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Way
 from cubepath.coordinator.runs.asking import About, Answers, Release, Status
 from cubepath.coordinator.runs.conductor import Ending
@@ -27,13 +26,15 @@ from cubepath.coordinator.runs.run_lock import Interrupted, RunLock
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.description import format_of
-from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.toml import scene_to_toml
 
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
+
 Say: TypeAlias = Callable[[str], None]
 Pace: TypeAlias = Callable[[], float]
-FleetType = TypeVar("FleetType", LockstepFleet, FreeFleet)
+Fleet = TypeVar("Fleet", bound=ProcessFleet, covariant=True)  # noqa: PLC0105 - not Fleet_co
 INTERRUPTED = Ending("interrupted", "interrupted")
 
 
@@ -53,7 +54,7 @@ class RunContext:
     """The recording of a run that is resumed."""
 
 
-class Driver(ABC, Generic[FleetType]):
+class Driver(ABC, Generic[Fleet]):
     """A run of either clock: it is begun, goes on step by step, and ends once."""
 
     def __init__(self, context: RunContext) -> None:
@@ -75,7 +76,7 @@ class Driver(ABC, Generic[FleetType]):
         self._way = context.way
         self._pace = context.pace
         self._before = context.before
-        self._fleet: FleetType | None = None
+        self._fleet: Fleet | None = None
         self._resources = ExitStack()
         self._results: Sequence[Any] | None = None
         self._refused_then = 0
@@ -270,7 +271,7 @@ class Driver(ABC, Generic[FleetType]):
     # What it says.
 
     @property
-    def fleet(self) -> FleetType:
+    def fleet(self) -> Fleet:
         """Return the processes; CheckError if there are none, or no more."""
         if self._fleet is None:
             raise CheckError("the run has no processes: expected one that is under way")

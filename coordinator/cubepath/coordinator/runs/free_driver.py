@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from cubepath.agents.free.config import HALT_S
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.free.host_node import HALT_S
 from cubepath.coordinator.runs.asking import Release
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
@@ -24,7 +24,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.outcome import Noticed
 from cubepath.coordinator.runs.resuming import check_logs, is_said, keeper_logs, locked_logs
-from cubepath.coordinator.runs.schedule import own_moves
+from cubepath.coordinator.runs.schedule_reading import own_moves
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import unwritable
 from cubepath.protocol.recordings.writing import RecordingWriter

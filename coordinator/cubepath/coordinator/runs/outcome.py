@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -17,9 +17,11 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
 from cubepath.protocol.path_files.schedules import Cubes
-from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Stopped
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
 
 
 @dataclass(slots=True)
@@ -124,6 +126,8 @@ class Outcome:
 
     def recording(self) -> Recording:
         """Open the recording; errors as for `read_recording`."""
+        from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415 - no run reads
+
         return read_recording(Path(self.log))
 
     def document(self) -> dict[str, Any]:

@@ -12,17 +12,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from cubepath.agents.free.fleet import ON_CRASH, OnCrash
+from cubepath.agents.free.config import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.registry import CLOCKS, own_rule, rule_for, rule_named
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, Recorded
-from cubepath.coordinator.runs.schedule import (
-    Assignment,
-    assignment_of,
-    read_schedule,
-    with_end,
-)
+from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.given import real_number, whole_number
@@ -313,6 +308,12 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
         raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
     if plan.rule is not None and not plan.repair:
         raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+    from cubepath.coordinator.runs.schedule_reading import (  # noqa: PLC0415 - few runs have one
+        assignment_of,
+        read_schedule,
+        with_end,
+    )
+
     schedule = read_schedule(path)
     scene = schedule.scene
     if plan.system is not None or scene is None:

@@ -21,7 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeAlias
 
-from cubepath.agents.free.fleet import BIRTHS, ON_CRASH, Births, log_of, read_births
+from cubepath.agents.free.config import ON_CRASH
+from cubepath.agents.free.fleet import BIRTHS, Births, log_of, read_births
 from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.keepers.journal import (
     Acknowledged,

@@ -13,29 +13,26 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeAlias
+from typing import TYPE_CHECKING, Self
 
-from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.fleet import LockstepFleet
+from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.coordinator.runs.asking import Status
 from cubepath.coordinator.runs.driver import Driver, Pace, RunContext, Say
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.free_driver import FreeDriver
 from cubepath.coordinator.runs.listeners import Hear, Listeners, Tap, TappedMessage, Watch
-from cubepath.coordinator.runs.lockstep_driver import LockstepDriver
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Branch, Plan, Task, check_topics, task_of as checked
-from cubepath.coordinator.runs.resuming import resumed
 from cubepath.coordinator.runs.run_lock import RunLock, interrupts
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import function, seconds, whole_number
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import check_descriptors
 
-AnyDriver: TypeAlias = Driver[LockstepFleet] | Driver[FreeFleet]
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
+
 _TIMEOUT_S = 60.0
 
 
@@ -75,6 +72,8 @@ class Run:
         if plan.resume is None:
             task = replace(checked(plan), branch=branch)
         else:
+            from cubepath.coordinator.runs.resuming import resumed  # noqa: PLC0415 - for few runs
+
             plan, task, before = resumed(plan, plan.resume)
         _check(plan, task)
         self.plan = plan
@@ -97,7 +96,7 @@ class Run:
             self._wait_s,
             before,
         )
-        self._driver: AnyDriver | None = None
+        self._driver: Driver[ProcessFleet] | None = None
 
     def __enter__(self) -> Self:
         """Start the processes; CheckError if they cannot be started, or one dies meanwhile.
@@ -148,15 +147,14 @@ class Run:
                 driver.end()
         return self.outcome
 
-    def _begin(self, check: Callable[[], None]) -> AnyDriver:
+    def _begin(self, check: Callable[[], None]) -> Driver[ProcessFleet]:
         """Open the recording, and start the processes."""
         if self._driver is not None:
             raise CheckError(
                 "the run has begun before: expected another start(...) for another run"
             )
         context = self._context
-        driver: AnyDriver = FreeDriver(context) if self.plan.is_free else LockstepDriver(context)
-        self._driver = driver
+        driver = self._driver = _driver(context)
         driver.begin(check)
         return driver
 
@@ -302,7 +300,7 @@ class Run:
     # How it stands.
 
     @property
-    def _begun(self) -> AnyDriver:
+    def _begun(self) -> Driver[ProcessFleet]:
         if self._driver is None:
             raise CheckError("the run has not begun: expected 'with start(...) as run:'")
         return self._driver
@@ -404,14 +402,22 @@ class Run:
 
         InputError for one that lives, or is unknown, and for runs with rounds, which then fail.
         """
-        fleet = self._begun.fleet
-        if not isinstance(fleet, FreeFleet):
-            raise InputError(f"{process}: started again only in runs without rounds (clock=free)")
-        fleet.start_again(process)
+        self._begun.fleet.start_again(process)
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
         """Return by what the one of this name shows who speaks, at a private router."""
         return self._begun.fleet.credentials(name)
+
+
+def _driver(context: RunContext) -> Driver[ProcessFleet]:
+    """Return a driver for the clock of the run; that of the other clock is not loaded."""
+    if context.plan.is_free:
+        from cubepath.coordinator.runs.free_driver import FreeDriver  # noqa: PLC0415 - as above
+
+        return FreeDriver(context)
+    from cubepath.coordinator.runs.lockstep_driver import LockstepDriver  # noqa: PLC0415 - as above
+
+    return LockstepDriver(context)
 
 
 def _check(plan: Plan, task: Task) -> None:

@@ -19,8 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import FreeProcessConfig
 from cubepath.agents.keepers.journal import Journal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode

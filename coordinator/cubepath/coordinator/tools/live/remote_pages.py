@@ -20,8 +20,15 @@ from typing import Any, Self
 import msgspec
 import zenoh
 
-from cubepath.coordinator.runs.asking import MOVES_MAX, About, about_key, ask, ask_path, find_run
-from cubepath.coordinator.runs.free_gatherer import Released
+from cubepath.coordinator.runs.asking import (
+    MOVES_MAX,
+    About,
+    Released,
+    about_key,
+    ask,
+    ask_path,
+    find_run,
+)
 from cubepath.coordinator.tools.live.claims import HEARD, Words
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import Server
