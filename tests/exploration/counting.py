@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from cubepath.coordinator.simulation.faults import SECOND_US, Faults
-from cubepath.coordinator.simulation.network import Network
-from cubepath.coordinator.simulation.trace import Trace
+from cubepath.coordinator.simulation.network import Network, Trace
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 

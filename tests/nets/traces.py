@@ -21,9 +21,9 @@ from typing import Any
 
 from words import compared, parser, plain, text_of, write
 
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Asked
 from cubepath.coordinator.simulation.swarm import Free, Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 
 
 class _Lockstep(Lockstep):

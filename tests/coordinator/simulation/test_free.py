@@ -16,11 +16,10 @@ from cubepath.coordinator.simulation.faults import (
     Fault,
     Listed,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Asked
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import Asked, FreeScenario, free_scenario_of
 from cubepath.coordinator.simulation.swarm import WITHOUT_ROUNDS, Free, Tally, simulate_seeds
-from cubepath.coordinator.simulation.trace import Trace
 from exploration.planted_keepers import PLANTED
 from marked import some
 

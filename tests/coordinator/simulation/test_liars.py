@@ -11,10 +11,10 @@ import pytest
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
 from cubepath.coordinator.simulation.faults import LIES, SAYS, Drawn, Fault, Listed
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Asked, Scenario
 from cubepath.coordinator.simulation.simulated import LIE, Simulated, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Here, Refused, Said, decode, encode

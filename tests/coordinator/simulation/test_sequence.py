@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from cubepath.coordinator.simulation.faults import Fault, Listed
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.sequence import ARROWS_MAX, sequence_picture
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import InputError
 from exploration.counting import counted
 

@@ -13,10 +13,10 @@ from cubepath.agents.processes.node import HostNode
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording

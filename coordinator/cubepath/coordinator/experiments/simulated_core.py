@@ -24,9 +24,8 @@ from cubepath.coordinator.experiments.outcomes import (
 from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
 from cubepath.coordinator.simulation.simulated import Simulated, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
 

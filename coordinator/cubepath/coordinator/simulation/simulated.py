@@ -2,7 +2,8 @@
 
 A run without faults is played in the environment as well, in one process and by other code: the
 edge path must be the same, and of a run that was ended by a fault it must be the beginning of that.
-The recording of every run must pass `verify`.
+The recording of every run must pass `verify`. Its coordinator is one node, which does what a run
+over zenoh does between the pacing node and the conductor.
 """
 
 from __future__ import annotations
@@ -26,12 +27,10 @@ from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, Ending
-from cubepath.coordinator.simulation.coordinator import Coordinator
 from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
 from cubepath.coordinator.simulation.liars import Liar
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.network import Network, NodeError, RanAway, Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
@@ -40,7 +39,71 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
-from cubepath.protocol.wire.nodes import Node
+from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
+
+Keeps: TypeAlias = Callable[[bytes, Message], None]
+
+
+class Coordinator:
+    """Paces the processes round by round until the run has come to its end."""
+
+    def __init__(self, pacer: Pacer, conductor: Conductor, record: Keeps) -> None:
+        """Begin; `record` is given what belongs on record."""
+        self.ending: Ending | None = None
+        """How the run has ended; None while it goes on."""
+        self._pacer = pacer
+        self._conductor = conductor
+        self._record = record
+
+    def start(self) -> list[Effect]:
+        """Wait for the processes."""
+        return self._guarded(self._pacer.start)
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message."""
+        return self._guarded(lambda: self._pacer.receive(key, data))
+
+    def tick(self) -> list[Effect]:
+        """Take note that the timer has run out."""
+        return self._guarded(self._pacer.tick)
+
+    def died(self, process: int, error: CubepathError | None) -> list[Effect]:
+        """End the run since a process has died, of an error or of a signal."""
+        if error is None:
+            error = self._pacer.died(process, "killed by signal 9")
+        return self._ended(self._conductor.failed(str(error)))
+
+    def _guarded(self, do: Callable[[], list[Effect]]) -> list[Effect]:
+        try:
+            return self._go_on(do())
+        except CubepathError as error:
+            return self._ended(self._conductor.failed(str(error)))
+
+    def _go_on(self, effects: list[Effect]) -> list[Effect]:
+        """Keep what belongs on record; begin the next round when one is over, or end the run."""
+        done: list[Effect] = []
+        while True:
+            self._keep(effects)
+            done += effects
+            if not self._pacer.idle:
+                return done
+            ending = self._conductor.between(self._pacer.round, lambda: None)
+            if ending is not None:
+                return [*done, *self._ended(ending)]
+            effects = self._pacer.begin_round()
+
+    def _ended(self, ending: Ending) -> list[Effect]:
+        self.ending = ending
+        effects = self._pacer.stop()
+        self._keep(effects)
+        return [*effects, End()]
+
+    def _keep(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Keep):
+                self._record(effect.data, effect.message)
+                self._conductor.hear(effect.message)
+
 
 RUN = "simulated"
 COORDINATOR = "coordinator"

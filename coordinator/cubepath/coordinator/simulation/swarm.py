@@ -1,33 +1,31 @@
 """Many seeds, each a run with faults of its own: what came of them, and the failing ones kept.
 
-A failing seed is shrunk; what is left of it is written as a recording, with a picture of its
-messages.
-
-Seeds of runs with rounds: the run that one stands for, and what is kept of a failing one.
-
-Seeds of runs without rounds: the run that one stands for, and what is kept of a failing one.
+A failing run is made small: fewer modules, fewer rounds and fewer faults, as long as it fails so.
+The faults of a run are a list, so taking one away leaves the others where they are: first halves of
+the list are tried, then smaller parts (delta debugging, Zeller, 1999). What is left is written as a
+recording, with a picture of its messages. Runs with rounds and without have seeds of their own.
 """
 
 from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, Generic, Protocol, Self, TypeAlias, TypeVar
 
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.coordinator.simulation.faults import (
     FREE_KINDS,
     KINDS,
     Drawn,
+    Fault,
     Faults,
     FreeDrawn,
     Listed,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
 from cubepath.coordinator.simulation.free_simulated import (
     FreeSimulated,
     MakeKeeper,
@@ -35,9 +33,16 @@ from cubepath.coordinator.simulation.free_simulated import (
     host_names,
     keeper_names,
 )
-from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked, Scenario, scenario_of
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import (
+    ANYTHING,
+    Asked,
+    FreeScenario,
+    Scenario,
+    free_scenario_of,
+    scenario_of,
+)
 from cubepath.coordinator.simulation.sequence import sequence_picture
-from cubepath.coordinator.simulation.shrinking import shrunk
 from cubepath.coordinator.simulation.simulated import (
     COORDINATOR,
     LIE,
@@ -48,11 +53,162 @@ from cubepath.coordinator.simulation.simulated import (
     process_names,
     simulate,
 )
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.free_messages import Asks, Passes, Tells, decode_free, free_kind
 from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
+
+_RUNS_MAX = 250
+"""How many runs are tried in all."""
+_DRAWS = 12
+"""How often faults are drawn anew for a scenario with fewer modules."""
+
+
+class Failed(Protocol):
+    """What did not hold of a run."""
+
+    @property
+    def kind(self) -> str:
+        """Return the kind by which failures are the same."""
+        ...
+
+
+class Shrinkable(Protocol):
+    """What a seed stands for."""
+
+    def smaller(self) -> Sequence[Self]:
+        """Return the same with fewer modules and processes, the smallest first."""
+        ...
+
+    def shorter(self, long: int) -> Sequence[Self]:
+        """Return the same with less to do than a run of this length did."""
+        ...
+
+    def plainer(self) -> Sequence[Self]:
+        """Return the same with fewer peculiarities."""
+        ...
+
+
+class SimulatedRun(Protocol):
+    """A run that may have failed."""
+
+    @property
+    def scenario(self) -> Any:
+        """Return what it was of."""
+        ...
+
+    @property
+    def fired(self) -> tuple[Fault, ...]:
+        """Return the faults that came to pass."""
+        ...
+
+    @property
+    def failure(self) -> Failed | None:
+        """Return what did not hold, if anything."""
+        ...
+
+    @property
+    def long(self) -> int:
+        """Return how much it did, in rounds or moves."""
+        ...
+
+
+_Run = TypeVar("_Run", bound=SimulatedRun)
+Play = Callable[[Any, Faults], _Run]
+"""Simulates a scenario under faults."""
+Draw = Callable[[Any, str], Faults]
+"""Draws faults for a scenario, from a text."""
+
+
+class _Shrinking(Generic[_Run]):
+    """The smallest failing run so far, and how many more may be tried."""
+
+    def __init__(self, found: _Run, play: Play[_Run], draw: Draw) -> None:
+        self.best = found
+        self.left = _RUNS_MAX
+        self._play = play
+        self._draw = draw
+
+    def fails(self, scenario: Shrinkable, faults: Faults) -> bool:
+        """Try a run; return whether it fails in the same way, and take it if it does."""
+        if self.left == 0:
+            return False
+        self.left -= 1
+        tried = self._play(scenario, faults)
+        if (tried.failure and tried.failure.kind) != (self.best.failure and self.best.failure.kind):
+            return False
+        self.best = tried
+        return True
+
+    def shorter(self) -> None:
+        for scenario in self.best.scenario.shorter(max(1, self.best.long)):
+            if self.fails(scenario, Listed(self.best.fired)):
+                return
+
+    def plainer(self) -> None:
+        for scenario in self.best.scenario.plainer():
+            if self.fails(scenario, Listed(self.best.fired)):
+                return
+
+    def fewer_modules(self) -> None:
+        for scenario in self.best.scenario.smaller():
+            if any(self.fails(scenario, faults) for faults in self._faults_for(scenario)):
+                return
+
+    def _faults_for(self, scenario: Shrinkable) -> Iterable[Faults]:
+        fired = self.best.fired
+        yield Listed(fired)
+        for number in range(_DRAWS if fired else 0):
+            yield self._draw(scenario, f"{number}/smaller")
+
+    def fewer_faults(self) -> None:
+        if self.best.fired and self.fails(self.best.scenario, Listed(())):
+            return
+        for kind in sorted({fault.kind for fault in self.best.fired}):
+            self._without(kind)
+        parts = 2
+        while len(self.best.fired) > 1 and self.left:
+            size = -(-len(self.best.fired) // parts)
+            if any(self._drop(start, size) for start in range(0, len(self.best.fired), size)):
+                parts = max(2, parts - 1)
+            elif size == 1:
+                break
+            else:
+                parts = min(2 * parts, len(self.best.fired))
+        fired = self.best.fired
+        if len(fired) > 1:
+            any(self._keep([fault]) for fault in fired)
+
+    def _without(self, kind: str) -> bool:
+        return self._keep([fault for fault in self.best.fired if fault.kind != kind])
+
+    def _drop(self, start: int, size: int) -> bool:
+        return self._keep([*self.best.fired[:start], *self.best.fired[start + size :]])
+
+    def _keep(self, kept: Sequence[Fault]) -> bool:
+        """Try with these faults only; what then happens may be fewer, but not more."""
+        before = self.best
+        if self.fails(before.scenario, Listed(kept)) and len(self.best.fired) < len(before.fired):
+            return True
+        self.best = before
+        return False
+
+
+def shrunk(found: _Run, play: Play[_Run], draw: Draw) -> _Run:
+    """Return the smallest run found that fails in the same way as a failing run."""
+    if found.failure is None:
+        raise ValueError("a run that holds has nothing to shrink")
+    shrinking = _Shrinking(found, play, draw)
+    while shrinking.left:
+        before = shrinking.best
+        shrinking.shorter()
+        shrinking.fewer_modules()
+        shrinking.fewer_faults()
+        shrinking.plainer()
+        if shrinking.best is before:
+            break
+    return shrinking.best
+
 
 OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "failure")
 """How a run can come out: it ends as without faults in the first three, or by one, or it fails."""

@@ -22,9 +22,8 @@ from cubepath.coordinator.simulation.faults import (
     Fault,
     Listed,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import RunLog
