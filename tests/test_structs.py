@@ -19,7 +19,7 @@ IN_MEMORY = {"Heard of judge", "Status of asking", "TappedMessage of listeners"}
 ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each in all_structs()}
 OPEN = {
     *("messages", "free_messages", "membership", "asking"),
-    *("GeneratorPlacement of catalogue"),
+    "GeneratorPlacement of catalogue",
     *("PlayerStatus of orders", "Position of orders", "Refusal of orders"),
     *("counts", "cgshop2021", "cgshop2026", "_Other of certificates"),
     *("_FreeHead of losses", "Head of losses", "_Rounded of logged", "_Numbered of timeline"),
