@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from cubepath.agents.processes.config import ProcessConfig
-from cubepath.agents.processes.judge import Heard
+from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.node import HostNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Again, Go, Message, Said, decode, encode
@@ -39,7 +39,7 @@ class _Twice(HostNode):
             return super()._hear(said)
         heard = self._judge.heard(said)
         other = msgspec.structs.replace(said, number=said.number + 100)
-        self._inbox.keep(Heard(other, heard.senders))
+        self._inbox.keep(HeardMessage(other, heard.senders))
         return self._try_to_begin()
 
 

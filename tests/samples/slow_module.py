@@ -21,9 +21,9 @@ from cubepath.agents.free.mover import THINK_S
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
-from cubepath.coordinator.simulation.faults import SECOND_US, Listed
+from cubepath.coordinator.simulation.faults import SECOND_US, ListedFaults
 from cubepath.coordinator.simulation.free_simulated import Watch
-from cubepath.coordinator.simulation.network import Network
+from cubepath.coordinator.simulation.network import SimulatedNetwork
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns, decode_free
@@ -63,7 +63,7 @@ def measured(spec: str, slow: int, seed: int, seconds: float) -> Measured:
     modules = [*range(len(scene.start))]
     others = [module for module in modules if module != slow]
     modules_of = [[slow], *(others[at::PROCESSES] for at in range(PROCESSES))]
-    network = Network(Listed([]), seed)
+    network = SimulatedNetwork(ListedFaults([]), seed)
     network.add("coordinator", lambda: Watch("run", KEEPERS))
     tiles = Tiles(scene.system, KEEPERS)
     for keeper in range(KEEPERS):

@@ -12,7 +12,6 @@ import zenoh
 
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.fleet import LockstepFleet
-from cubepath.agents.processes.joiners import LOOK_MAX, QUESTIONS_MAX, Joiners
 from cubepath.agents.processes.joining import Joining, join
 from cubepath.agents.processes.membership import (
     PROTOCOL,
@@ -24,7 +23,8 @@ from cubepath.agents.processes.membership import (
     orders_key,
     read_offer,
 )
-from cubepath.agents.processes.network import Network
+from cubepath.agents.processes.network import NetworkConfig
+from cubepath.agents.processes.remote_processes import LOOK_MAX, QUESTIONS_MAX, RemoteProcesses
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
@@ -72,7 +72,7 @@ def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) 
             scene_from_spec("hex:n=4"),
             "random",
             processes=0,
-            network=Network(connect=endpoint, wait_for=1),
+            network=NetworkConfig(connect=endpoint, wait_for=1),
             say=lambda line: waits.set() if line.startswith("waiting") else None,
         )
         begun.append(fleet)
@@ -145,7 +145,7 @@ def join_offered(endpoint: str, data: bytes, rule: str | None = None) -> None:
 
 def test_a_flood_of_questions_can_be_interrupted_and_is_bounded(endpoint: str) -> None:
     """Each look takes a number of them, and what is too many is dropped: who asks asks again."""
-    joiners = Joiners(endpoint, "flooded", 4, 1, Credentials(COORDINATOR, "", ""))
+    joiners = RemoteProcesses(endpoint, "flooded", 4, 1, Credentials(COORDINATOR, "", ""))
     with open_client(endpoint) as session:
         came: list[int] = []
 

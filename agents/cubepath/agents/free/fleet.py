@@ -17,7 +17,7 @@ import msgspec
 
 from cubepath.agents.free.config import FreeProcessConfig, OnCrash, OwnMove
 from cubepath.agents.keepers.config import KeeperConfig
-from cubepath.agents.processes.child_processes import Ended
+from cubepath.agents.processes.child_processes import EndedProcess
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Way, straight
@@ -187,7 +187,7 @@ class FreeFleet(ProcessFleet):
             raise ProcessDied(f"processes died {self._restarts} times, {found[-1].name} the last")
         return found
 
-    def _crashed(self, ended: Ended) -> Crash:
+    def _crashed(self, ended: EndedProcess) -> Crash:
         if ended.error is not None:  # it would end so again
             raise ProcessDied(ended.error)
         if self.on_crash == "stop":
@@ -226,7 +226,7 @@ class FreeFleet(ProcessFleet):
         return _END_S_MAX
 
 
-class Births(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LogsInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a folder of logs says of itself: the run that began it, and its last first birth."""
 
     run: str
@@ -238,14 +238,14 @@ def log_of(logs: Path, keeper: int) -> Path:
     return logs / f"{keeper_name(keeper)}.log"
 
 
-def read_births(logs: Path) -> Births | None:
+def read_births(logs: Path) -> LogsInfo | None:
     """Return what a folder of logs says of itself, None if it has no logs yet.
 
     InputError if it has logs and does not say it.
     """
     path = logs / BIRTHS
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Births)
+        return msgspec.json.decode(path.read_bytes(), type=LogsInfo)
     except FileNotFoundError:
         if next(logs.glob("keeper_*.log"), None) is None:
             return None
@@ -257,16 +257,16 @@ def read_births(logs: Path) -> Births | None:
     raise InputError(f"{path}: {found}, expected the run and the birth of the logs beside it")
 
 
-def next_births(logs: Path | None, run: str) -> Births:
+def next_births(logs: Path | None, run: str) -> LogsInfo:
     """Return which run began these logs, and a first birth for all processes: later than before.
 
     It is in the folder when this returns, so it is not given again.
     """
-    first = Births(run, 1)
+    first = LogsInfo(run, 1)
     if logs is None:
         return first
     before = read_births(logs)
-    births = first if before is None else Births(before.run, before.birth + BIRTHS_OF_A_FLEET)
+    births = first if before is None else LogsInfo(before.run, before.birth + BIRTHS_OF_A_FLEET)
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -26,7 +26,7 @@ _LOOK_S = 0.005
 _JOIN_S = 5.0
 
 
-class Ended(NamedTuple):
+class EndedProcess(NamedTuple):
     """A process that has ended."""
 
     name: str
@@ -86,7 +86,7 @@ class ChildProcesses:
         self._threads.append(thread)
         thread.start()
 
-    def ended(self) -> list[Ended]:
+    def ended(self) -> list[EndedProcess]:
         """Return those that have ended, each time it is asked.
 
         An error of a thread that is for the user is raised.
@@ -96,14 +96,14 @@ class ChildProcesses:
             if isinstance(error, CubepathError):
                 raise error
             how = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            found.append(Ended(name, how, None))
+            found.append(EndedProcess(name, how, None))
         for name, child in self.by_name.items():
             code = _code(child)
             if code is not None:
                 last = self._last_line(name)
                 how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
                 how += f": {last}" if last else ""
-                found.append(Ended(name, how, last if code == TOLD and last else None))
+                found.append(EndedProcess(name, how, last if code == TOLD and last else None))
         return found
 
     def lives(self, name: str) -> bool:

@@ -19,10 +19,10 @@ from msgspec.structs import replace
 from cubepath.agents.processes.child_processes import ChildProcesses
 from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.dealing import dealt
-from cubepath.agents.processes.joiners import Joiners
 from cubepath.agents.processes.judge import Judge
-from cubepath.agents.processes.network import Network, Way, straight
+from cubepath.agents.processes.network import NetworkConfig, Way, straight
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
+from cubepath.agents.processes.remote_processes import RemoteProcesses
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import Recorded
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -40,7 +40,7 @@ from cubepath.protocol.wire.shell import Shell
 Sink: TypeAlias = Callable[[Keep[Message], int], None]
 """Receives each message with its bytes on the wire, and the wall time in nanoseconds."""
 
-_PRIVATE = Network()
+_PRIVATE = NetworkConfig()
 _MODULE = "cubepath.agents.processes.host"
 _POLL_S = 0.05
 _LOOK_S = 0.5
@@ -150,7 +150,7 @@ class LockstepFleet(ProcessFleet):
         schedule: Mapping[int, OwnMoves] | None = None,
         recorded: Recorded | None = None,
         patience_s: float = PATIENCE_S,
-        network: Network = _PRIVATE,
+        network: NetworkConfig = _PRIVATE,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
         plausible: Check | None = None,
@@ -191,7 +191,7 @@ class LockstepFleet(ProcessFleet):
         self._joined = False
         self._looked = time.monotonic()
         self._deal([])
-        self._joiners: Joiners | None = None
+        self._joiners: RemoteProcesses | None = None
         self._shell: Shell | None = None
 
     def _deal(self, joined: list[list[int]]) -> None:
@@ -268,7 +268,7 @@ class LockstepFleet(ProcessFleet):
 
     def _wait_for_joiners(self, expected: int) -> list[list[int]]:
         """Show that the run is there, and wait for remote processes; return the modules of each."""
-        joiners = self._joiners = Joiners(
+        joiners = self._joiners = RemoteProcesses(
             self.endpoint,
             self.run,
             len(self.scene.start),

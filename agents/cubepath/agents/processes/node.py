@@ -20,7 +20,7 @@ from cubepath.agents.processes.judge import (
     ASK_S_MIN,
     BEFORE,
     ORDER,
-    Heard,
+    HeardMessage,
     Judge,
     RefusedError,
     Spoken,
@@ -238,7 +238,7 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, heard: Heard) -> list[Part]:
+    def _give(self, heard: HeardMessage) -> list[Part]:
         """Give modules what is addressed to their places; return what they say to it."""
         there = self._within.get(heard.said.region)
         found: list[Part] = []

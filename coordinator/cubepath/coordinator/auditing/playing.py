@@ -22,7 +22,7 @@ from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import (
-    Stage,
+    RuleStage,
     hesitation_in,
     seed_in,
     spans,
@@ -180,7 +180,7 @@ class RuleAudit:
         while self._stages and self._stages[0].begins <= moment.round:
             self._begin(self._stages.popleft(), moment)
 
-    def _begin(self, stage: Stage, moment: Moment) -> None:
+    def _begin(self, stage: RuleStage, moment: Moment) -> None:
         """Follow the rules of a stage, each module from where it stands."""
         before, self._unchecked = self._unchecked, None
         self._actors = {}

@@ -8,9 +8,9 @@ they could have been made.
 
 What a run says of itself to whoever comes to listen: its parameters, scene and schedule.
 
-A run answers queries on ``cubepath/RUN/about`` with `About` as JSON, before its processes join and
-whatever it is doing, as long as its router is there; and a liveliness token on the same key tells
-whether it still goes on. Whoever may listen may ask.
+A run answers queries on ``cubepath/RUN/about`` with `RunInfo` as JSON, before its processes join
+and whatever it is doing, as long as its router is there; and a liveliness token on the same key
+tells whether it still goes on. Whoever may listen may ask.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _AGAIN_S = 0.1
 _ASK_S = 2.0
 
 
-class About(msgspec.Struct, frozen=True):
+class RunInfo(msgspec.Struct, frozen=True):
     """A run, as a recording of it begins."""
 
     run: str
@@ -59,7 +59,7 @@ def about_key(run: str) -> str:
     return f"cubepath/{run}/about"
 
 
-def offer(session: zenoh.Session, tell: Callable[[], About]) -> tuple[object, object]:
+def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, object]:
     """Answer whoever asks what a run is, until the session closes, or what is returned is dropped.
 
     `tell` is called in a thread of zenoh.
@@ -73,7 +73,7 @@ def offer(session: zenoh.Session, tell: Callable[[], About]) -> tuple[object, ob
     return session.declare_queryable(key, answers), session.liveliness().declare_token(key)
 
 
-def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     """Return what the run of this name says of itself, or the one that there is at the endpoint.
 
     It is waited for, so many seconds. CheckError if none answers in time; InputError if several do
@@ -98,10 +98,10 @@ def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s:
         time.sleep(_AGAIN_S)
 
 
-def _read_about(sample: zenoh.Sample) -> About | None:
+def _read_about(sample: zenoh.Sample) -> RunInfo | None:
     """Return what a run says; None for what others may say at a router that is open to all."""
     try:
-        found = msgspec.json.decode(sample.payload.to_bytes(), type=About)
+        found = msgspec.json.decode(sample.payload.to_bytes(), type=RunInfo)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     if str(sample.key_expr) != about_key(found.run):
@@ -171,7 +171,7 @@ class Answers:
         endpoint: str,
         credentials: Credentials,
         status: Status,
-        about: About,
+        about: RunInfo,
         release: Release | None = None,
     ) -> None:
         """Open a session as the coordinator, and answer from now on."""
@@ -214,7 +214,7 @@ class Answers:
         found = self._release(int(asked[1]), MOVES_MAX)
         query.reply(path_key(self._run), msgspec.json.encode(found))
 
-    def _tell(self) -> About:
+    def _tell(self) -> RunInfo:
         return replace(self._about, round=self._status.round)
 
     def close(self) -> None:

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Way
-from cubepath.coordinator.runs.asking import About, Answers, Release, Status
+from cubepath.coordinator.runs.asking import Answers, Release, RunInfo, Status
 from cubepath.coordinator.runs.conductor import Ending
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import Listeners
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
-from cubepath.coordinator.runs.plan import Plan, Task, file_name, parameters_of
+from cubepath.coordinator.runs.plan import Plan, RunTask, file_name, parameters_of
 from cubepath.coordinator.runs.run_lock import Interrupted, RunLock
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
@@ -43,7 +43,7 @@ class RunContext:
     """What a driver needs of the run that it drives."""
 
     plan: Plan
-    task: Task
+    task: RunTask
     listeners: Listeners
     lock: RunLock
     say: Say
@@ -310,7 +310,7 @@ class Driver(ABC, Generic[Fleet]):
         """Answer whoever asks, from now on: the router is there, and nobody has joined."""
         fleet = self.fleet
         self.endpoint, self.run = fleet.endpoint, fleet.run
-        about = About(
+        about = RunInfo(
             self.run,
             format_of(self._parameters),
             self._parameters,

@@ -22,7 +22,7 @@ from cubepath.coordinator.runs.conductor import Ending, results_of
 from cubepath.coordinator.runs.driver import INTERRUPTED, Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.coordinator.runs.outcome import Noticed
+from cubepath.coordinator.runs.outcome import CrashReport
 from cubepath.coordinator.runs.resuming import check_logs, is_said, keeper_logs, locked_logs
 from cubepath.coordinator.runs.schedule_reading import own_moves
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -62,7 +62,7 @@ class FreeDriver(Driver[FreeFleet]):
         self._gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
         self._held_back = 0.0
         """For how many seconds modules were halted, as more was said than could be recorded."""
-        self._crashes: list[Noticed] = []
+        self._crashes: list[CrashReport] = []
         self._check: Callable[[], None] = lambda: None
         self._shell: Shell | None = None
         self._begun = False
@@ -386,7 +386,7 @@ class FreeDriver(Driver[FreeFleet]):
         self._looked = now
         for crash in fleet.look():
             after = round(now - self._began, 3)
-            self._crashes.append(Noticed(crash.name, crash.how, crash.restarted, after))
+            self._crashes.append(CrashReport(crash.name, crash.how, crash.restarted, after))
             self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
             self._say(f"{crash.name} has died ({crash.how}){again}")

@@ -12,7 +12,7 @@ import msgspec
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.conductor import Ended, Ending
 from cubepath.coordinator.runs.edge_path import Gathered, Step
-from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Noticed:
+class CrashReport:
     """A process that died: how, whether it was started again, and when that was noticed.
 
     `seconds` are from the start of the run, and `idle_seconds` from then until the next commit of
@@ -81,7 +81,7 @@ class Outcome:
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
     keepers: int | None = None
-    crashes: tuple[Noticed, ...] = ()
+    crashes: tuple[CrashReport, ...] = ()
     held_back_seconds: float = 0.0
 
     @property
@@ -148,7 +148,7 @@ class Outcome:
 
 def outcome_of(
     plan: Plan,
-    task: Task,
+    task: RunTask,
     gathered: Gathered,
     ending: Ending,
     writer: RecordingWriter,

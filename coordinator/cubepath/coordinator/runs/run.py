@@ -16,13 +16,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from cubepath.agents.processes.fleet import ProcessFleet
-from cubepath.agents.processes.network import Network, Way, straight
+from cubepath.agents.processes.network import NetworkConfig, Way, straight
 from cubepath.coordinator.runs.asking import Status
 from cubepath.coordinator.runs.driver import Driver, Pace, RunContext, Say
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import Hear, Listeners, Tap, TappedMessage, Watch
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.runs.plan import Branch, Plan, Task, check_topics, task_of as checked
+from cubepath.coordinator.runs.plan import Branch, Plan, RunTask, check_topics, task_of as checked
 from cubepath.coordinator.runs.run_lock import RunLock, interrupts
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import function, seconds, whole_number
@@ -174,7 +174,7 @@ class Run:
         own = min(plan.processes, len(self.scene.start))
         keepers = plan.keepers if plan.is_free else 0
         # Who waits for others has a session more, for that.
-        check_descriptors(own + keepers + (plan.network != Network()), files=1 + more)
+        check_descriptors(own + keepers + (plan.network != NetworkConfig()), files=1 + more)
 
     @property
     def rule(self) -> str:
@@ -420,7 +420,7 @@ def _driver(context: RunContext) -> Driver[ProcessFleet]:
     return LockstepDriver(context)
 
 
-def _check(plan: Plan, task: Task) -> None:
+def _check(plan: Plan, task: RunTask) -> None:
     """Refuse what the network, the recording or the system cannot carry."""
     modules = len(task.scene.start)
     plan.network.check(modules, min(plan.processes, modules))

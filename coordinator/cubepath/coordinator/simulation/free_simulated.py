@@ -30,9 +30,9 @@ from cubepath.agents.keepers.journal import Committed, FileJournal, Journal, Ope
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
-from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Ending, Fault, Faults
+from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults, FaultsForAWhile
 from cubepath.coordinator.simulation.free_oracle import Broken, Oracle
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway, Trace
+from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario
 from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
 from cubepath.protocol.core.errors import CheckError, CubepathError
@@ -211,7 +211,7 @@ FreeOutcome = Literal["goal", "moves", "blocked"]
 
 
 @dataclass(frozen=True, slots=True)
-class FreeSimulated:
+class FreeSimulatedRun:
     """A simulated run; `failure` is None if everything held that must hold."""
 
     scenario: FreeScenario
@@ -257,7 +257,7 @@ def free_simulate(
     fault_seed: int = 0,
     trace: Trace | None = None,
     make: MakeKeeper = Keeper,
-) -> FreeSimulated:
+) -> FreeSimulatedRun:
     """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
 
     `fault_seed` is that of the small differences between delays.
@@ -266,7 +266,7 @@ def free_simulate(
         run = _Run(scenario, faults, fault_seed, trace, make, stack)
         failure = run.play()
     network = run.network
-    return FreeSimulated(
+    return FreeSimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
         moves=run.oracle.state.moves,
@@ -303,7 +303,9 @@ class _Run:
         self._moves = self._moves_then = self._ticks = 0
         self._make = make
         self._tiles = Tiles(self.scene.system, scenario.keepers)
-        self.network = Network(Ending(faults, lambda: self.phase != "faults"), fault_seed, trace)
+        self.network = SimulatedNetwork(
+            FaultsForAWhile(faults, lambda: self.phase != "faults"), fault_seed, trace
+        )
         self._modules_of = dealt(self.scene, scenario.processes)
         self._births = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}
@@ -375,7 +377,7 @@ class _Run:
             self.network.run(_STEPS_MAX, 10**15)
         except Broken as broken:
             return Failure(broken.kind, str(broken))
-        except RanAway as error:
+        except EndlessRun as error:
             return Failure("liveness", f"{error}, {self._where()}")
         except NodeError as error:
             return Failure("raised", str(error))

@@ -93,7 +93,7 @@ Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
 """Told of the number of a process that has died, from 0, and the error; None for a signal."""
 
 
-class RanAway(Exception):  # noqa: N818 - named for what happened
+class EndlessRun(Exception):  # noqa: N818 - named for what happened
     """A simulated run did not come to its end within its steps or its virtual time."""
 
 
@@ -143,7 +143,7 @@ class _Letter:
     router_life: int
 
 
-class Network:
+class SimulatedNetwork:
     """Processes and the router between them; `run` carries out what happens, in order."""
 
     def __init__(self, faults: Faults, seed: int, trace: Trace | None = None) -> None:
@@ -233,12 +233,12 @@ class Network:
         """
         while not self._over:
             if not self._events:
-                raise RanAway(f"nothing more happens after {self._clock()}")
+                raise EndlessRun(f"nothing more happens after {self._clock()}")
             time_us, _, act, given = heappop(self._events)
             self.now_us = time_us
             self.steps += 1
             if self.steps > most_steps or time_us > most_us:
-                raise RanAway(f"no end after {self.steps} steps, {self._clock()}")
+                raise EndlessRun(f"no end after {self.steps} steps, {self._clock()}")
             act(*given)
             if self._after is not None:
                 self._after()

@@ -91,7 +91,7 @@ _ALWAYS_LARGE = frozenset(("arms",))
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ScenarioOptions:
     """What is the same for all seeds; None is drawn."""
 
     system: str | None = None
@@ -111,7 +111,7 @@ class Asked:
         return [*words, "--clock", self.clock] if self.clock != "lockstep" else words
 
 
-ANYTHING = Asked()
+ANYTHING = ScenarioOptions()
 """Nothing is asked for: everything is drawn."""
 
 
@@ -166,7 +166,7 @@ def built(spec: str) -> Scene:
     return scene
 
 
-def check(asked: Asked) -> None:
+def check(asked: ScenarioOptions) -> None:
     """Raise InputError if nothing can be simulated that is asked for."""
     if asked.liars and asked.clock != "lockstep":
         raise InputError(f"--liars with --clock {asked.clock}: expected --clock lockstep")
@@ -191,7 +191,7 @@ def check(asked: Asked) -> None:
         )
 
 
-def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
+def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     """Return the run that a seed stands for."""
     random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
     spec = drawn_system(asked, random)
@@ -210,7 +210,7 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
 
 
 def drawn_system(
-    asked: Asked,
+    asked: ScenarioOptions,
     random: Random,
     small: Sequence[int] = _SMALL,
     instances: Mapping[str, Instance] = INSTANCES,
@@ -332,7 +332,7 @@ class FreeScenario:
         return [] if plain == self else [plain]
 
 
-def free_scenario_of(seed: int, asked: Asked) -> FreeScenario:
+def free_scenario_of(seed: int, asked: ScenarioOptions) -> FreeScenario:
     """Return the run that a seed stands for."""
     random = Random(f"{seed}/free scenario")  # noqa: S311 - not for secrets
     spec = drawn_system(asked, random, _FREE_SMALL, FREE_INSTANCES)

@@ -29,7 +29,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
 from cubepath.coordinator.simulation.liars import Liar
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway, Trace
+from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
@@ -139,7 +139,7 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulatedRun:
     """A simulated run; `failure` is None if everything held that must hold."""
 
     scenario: Scenario
@@ -188,7 +188,7 @@ def simulate(
     fault_seed: int = 0,
     trace: Trace | None = None,
     make: MakeNode = host_node,
-) -> Simulated:
+) -> SimulatedRun:
     """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
 
     `fault_seed` is that of the small differences between delays.
@@ -196,7 +196,7 @@ def simulate(
     run = _Run(scenario, faults, fault_seed, trace, make)
     failure = run.play()
     network = run.network
-    return Simulated(
+    return SimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
         ending=run.ending,
@@ -223,7 +223,7 @@ class _Run:
         self.scene = scenario.scene
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: Ending | None = None
-        self.network = Network(faults, fault_seed, trace)
+        self.network = SimulatedNetwork(faults, fault_seed, trace)
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(
             self.scene,
@@ -318,7 +318,7 @@ class _Run:
             )
         except NodeError as error:
             return Failure("raised", str(error))
-        except RanAway as error:
+        except EndlessRun as error:
             return Failure("ran away", str(error))
         finally:
             self.ending = self._coordinator.ending

@@ -20,14 +20,14 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.coordinator.simulation.faults import (
     FREE_KINDS,
     KINDS,
-    Drawn,
+    DrawnFaults,
     Fault,
     Faults,
-    FreeDrawn,
-    Listed,
+    FreeDrawnFaults,
+    ListedFaults,
 )
 from cubepath.coordinator.simulation.free_simulated import (
-    FreeSimulated,
+    FreeSimulatedRun,
     MakeKeeper,
     free_simulate,
     host_names,
@@ -36,9 +36,9 @@ from cubepath.coordinator.simulation.free_simulated import (
 from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import (
     ANYTHING,
-    Asked,
     FreeScenario,
     Scenario,
+    ScenarioOptions,
     free_scenario_of,
     scenario_of,
 )
@@ -48,7 +48,7 @@ from cubepath.coordinator.simulation.simulated import (
     LIE,
     PATIENCE_US,
     MakeNode,
-    Simulated,
+    SimulatedRun,
     host_node,
     process_names,
     simulate,
@@ -89,7 +89,7 @@ class Shrinkable(Protocol):
         ...
 
 
-class SimulatedRun(Protocol):
+class ShrinkableRun(Protocol):
     """A run that may have failed."""
 
     @property
@@ -113,7 +113,7 @@ class SimulatedRun(Protocol):
         ...
 
 
-_Run = TypeVar("_Run", bound=SimulatedRun)
+_Run = TypeVar("_Run", bound=ShrinkableRun)
 Play = Callable[[Any, Faults], _Run]
 """Simulates a scenario under faults."""
 Draw = Callable[[Any, str], Faults]
@@ -142,12 +142,12 @@ class _Shrinking(Generic[_Run]):
 
     def shorter(self) -> None:
         for scenario in self.best.scenario.shorter(max(1, self.best.long)):
-            if self.fails(scenario, Listed(self.best.fired)):
+            if self.fails(scenario, ListedFaults(self.best.fired)):
                 return
 
     def plainer(self) -> None:
         for scenario in self.best.scenario.plainer():
-            if self.fails(scenario, Listed(self.best.fired)):
+            if self.fails(scenario, ListedFaults(self.best.fired)):
                 return
 
     def fewer_modules(self) -> None:
@@ -157,12 +157,12 @@ class _Shrinking(Generic[_Run]):
 
     def _faults_for(self, scenario: Shrinkable) -> Iterable[Faults]:
         fired = self.best.fired
-        yield Listed(fired)
+        yield ListedFaults(fired)
         for number in range(_DRAWS if fired else 0):
             yield self._draw(scenario, f"{number}/smaller")
 
     def fewer_faults(self) -> None:
-        if self.best.fired and self.fails(self.best.scenario, Listed(())):
+        if self.best.fired and self.fails(self.best.scenario, ListedFaults(())):
             return
         for kind in sorted({fault.kind for fault in self.best.fired}):
             self._without(kind)
@@ -188,7 +188,9 @@ class _Shrinking(Generic[_Run]):
     def _keep(self, kept: Sequence[Fault]) -> bool:
         """Try with these faults only; what then happens may be fewer, but not more."""
         before = self.best
-        if self.fails(before.scenario, Listed(kept)) and len(self.best.fired) < len(before.fired):
+        if self.fails(before.scenario, ListedFaults(kept)) and len(self.best.fired) < len(
+            before.fired
+        ):
             return True
         self.best = before
         return False
@@ -221,19 +223,19 @@ class Lockstep:
     outcomes = OUTCOMES
     unit = "rounds"
 
-    def __init__(self, asked: Asked = ANYTHING, make: MakeNode = host_node) -> None:
+    def __init__(self, asked: ScenarioOptions = ANYTHING, make: MakeNode = host_node) -> None:
         """Draw what is not asked for; `make` makes the nodes of module processes."""
         self.asked = asked
         self._make = make
 
-    def run_of(self, seed: int) -> Simulated:
+    def run_of(self, seed: int) -> SimulatedRun:
         """Simulate the run that a seed stands for, with the faults that are drawn from it."""
         scenario = scenario_of(seed, self.asked)
         return self.play(seed, scenario, self._drawn(scenario, f"{seed}/faults", f"{seed}/lies"))
 
     def play(
         self, seed: int, scenario: Scenario, faults: Faults, trace: Trace | None = None
-    ) -> Simulated:
+    ) -> SimulatedRun:
         """Simulate a scenario with these faults."""
         return simulate(scenario, faults, fault_seed=seed, trace=trace, make=self._make)
 
@@ -244,13 +246,13 @@ class Lockstep:
     def _drawn(self, scenario: Scenario, faults: str, lies: str) -> Faults:
         random = Random(faults)  # noqa: S311 - not for secrets
         liars = Random(lies) if self.asked.liars else None  # noqa: S311 - not for secrets
-        return Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, liars)
+        return DrawnFaults(random, COORDINATOR, process_names(scenario), PATIENCE_US, liars)
 
     def names(self, scenario: Scenario) -> list[str]:
         """Return the names of the processes."""
         return [COORDINATOR, *process_names(scenario)]
 
-    def write(self, run: Simulated, log: Path, why: str) -> bool:
+    def write(self, run: SimulatedRun, log: Path, why: str) -> bool:
         """Write the recording of a run; return whether there is one."""
         recording = run.recording
         parameters = {**recording.parameters, "simulated": why}
@@ -283,7 +285,7 @@ def label(data: bytes) -> str:
             return f"{kind_of(message)} {message.round}"
 
 
-WITHOUT_ROUNDS = Asked(clock="free")
+WITHOUT_ROUNDS = ScenarioOptions(clock="free")
 """Nothing else is asked for: everything is drawn."""
 FREE_OUTCOMES = ("goal", "moves", "blocked", "failure")
 """How a run can come out: at its goal, or with moves enough; nothing could move but for the dead,
@@ -297,32 +299,32 @@ class Free:
     outcomes = FREE_OUTCOMES
     unit = "moves"
 
-    def __init__(self, asked: Asked = WITHOUT_ROUNDS, make: MakeKeeper = Keeper) -> None:
+    def __init__(self, asked: ScenarioOptions = WITHOUT_ROUNDS, make: MakeKeeper = Keeper) -> None:
         """Draw what is not asked for; `make` makes keepers."""
         self.asked = asked
         self._make = make
 
-    def run_of(self, seed: int) -> FreeSimulated:
+    def run_of(self, seed: int) -> FreeSimulatedRun:
         """Simulate the run that a seed stands for, with the faults that are drawn from it."""
         scenario = free_scenario_of(seed, self.asked)
         return self.play(seed, scenario, self.draw(seed, scenario, "free faults"))
 
     def play(
         self, seed: int, scenario: FreeScenario, faults: Faults, trace: Trace | None = None
-    ) -> FreeSimulated:
+    ) -> FreeSimulatedRun:
         """Simulate a scenario with these faults."""
         return free_simulate(scenario, faults, fault_seed=seed, trace=trace, make=self._make)
 
     def draw(self, seed: int, scenario: FreeScenario, text: str) -> Faults:
         """Draw faults for a seed."""
         random = Random(f"{seed}/{text}")  # noqa: S311 - not for secrets
-        return FreeDrawn(random, host_names(scenario), keeper_names(scenario))
+        return FreeDrawnFaults(random, host_names(scenario), keeper_names(scenario))
 
     def names(self, scenario: FreeScenario) -> list[str]:
         """Return the names of the processes."""
         return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
 
-    def write(self, _run: FreeSimulated, log: Path, _why: str) -> bool:
+    def write(self, _run: FreeSimulatedRun, log: Path, _why: str) -> bool:
         """Write no recording, only make the folder: what was said is in the picture."""
         log.parent.mkdir(parents=True, exist_ok=True)
         return False
@@ -341,7 +343,7 @@ _SAME_NAMES_MAX = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class KeptRun:
     """A failing seed: what failed, the command that replays it, and the files of its remainder."""
 
     seed: int
@@ -376,9 +378,9 @@ class Tally:
     virtual_seconds: float = 0.0
     faults: Counter[str] = field(default_factory=Counter)
     outcomes: Counter[str] = field(default_factory=Counter)
-    failed: list[Kept] = field(default_factory=list)
+    failed: list[KeptRun] = field(default_factory=list)
 
-    def add(self, run: Simulated | FreeSimulated) -> None:
+    def add(self, run: SimulatedRun | FreeSimulatedRun) -> None:
         """Count a run."""
         self.seeds += 1
         self.steps += run.steps
@@ -403,7 +405,7 @@ class Tally:
         }
 
 
-def simulator_of(asked: Asked) -> Simulator:
+def simulator_of(asked: ScenarioOptions) -> Simulator:
     """Return what simulates the runs that are asked for."""
     return Free(asked) if asked.clock == "free" else Lockstep(asked)
 
@@ -414,7 +416,7 @@ def simulate_seeds(
     tally: Tally,
     *,
     failing: Callable[[int], object] | None = None,
-) -> Iterator[Kept | None]:
+) -> Iterator[KeptRun | None]:
     """Simulate the seeds one by one and count them; yield for each what was kept, if it failed.
 
     `failing` is called with a seed that fails before it is shrunk.
@@ -445,12 +447,12 @@ def small(found: Any, seed: int, simulator: Any) -> Any:
     return shrunk(found, play, draw)
 
 
-def command_of(seed: int, asked: Asked) -> str:
+def command_of(seed: int, asked: ScenarioOptions) -> str:
     """Return the command that simulates this seed alone."""
     return shlex.join(["cubepath", "simulate", "--seeds", f"{seed}..{seed}", *asked.arguments()])
 
 
-def keep(run: Any, seed: int, folder: Path, simulator: Any) -> Kept:
+def keep(run: Any, seed: int, folder: Path, simulator: Any) -> KeptRun:
     """Write a failing run as a recording, if it has one, with pictures of its messages beside it.
 
     InputError or CheckError if they cannot be written.
@@ -461,13 +463,13 @@ def keep(run: Any, seed: int, folder: Path, simulator: Any) -> Kept:
     title = f"seed {seed}: {run.failure.detail}"
     recorded = simulator.write(run, log, title)
     trace = Trace()
-    simulator.play(seed, run.scenario, Listed(run.fired), trace)
+    simulator.play(seed, run.scenario, ListedFaults(run.fired), trace)
     # Not the name of the log alone: that is where `cubepath view` draws the states.
     pictures = tuple(log.with_name(f"{log.stem}-messages{kind}") for kind in (".svg", ".png"))
     names = simulator.names(run.scenario)
     for picture in pictures:
         sequence_picture(trace, names, picture, title=_short(title), label=simulator.label)
-    return Kept(
+    return KeptRun(
         seed=seed,
         kind=run.failure.kind,
         detail=run.failure.detail,

@@ -15,10 +15,10 @@ from typing import NamedTuple
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import max_rounds_in, processes_of
 from cubepath.coordinator.verification.transcript import (
-    Carried,
     Fail,
     Made,
-    Round,
+    RecordedRound,
+    ScheduledRound,
     Transcript,
     site_in,
 )
@@ -32,7 +32,7 @@ from cubepath.protocol.wire.messages import Stopped, Summary
 CHECK = "ended"
 _GAVE_UP = re.compile(r"module_\d+: ")
 _DIED = re.compile(r"\(process (\d+)\) died in round (\d+): ")
-_NOTHING = Carried(frozenset(), ())
+_NOTHING = ScheduledRound(frozenset(), ())
 _LATE = re.compile(r"no answer within \S+ s to phase (\w+) of round (\d+) from ")
 
 
@@ -45,7 +45,7 @@ class _Outcome(NamedTuple):
     reached: bool
 
 
-class Course:
+class OutcomeCheck:
     """The course of a run: at the end, whether it ended where and how it had to."""
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
@@ -66,7 +66,7 @@ class Course:
         if last.gave_up or last.reached or last.round in (self._most, self._cubes, 0):
             self._ends.append(last)
 
-    def round(self, number: int, said: Round, sites: Iterable[Site]) -> None:
+    def round(self, number: int, said: RecordedRound, sites: Iterable[Site]) -> None:
         """Take a complete round, with where the modules stand after it."""
         gave_up = (
             (module, report.failed)
@@ -226,7 +226,12 @@ def _moves(placed: Iterable[GeneratorPlacement]) -> Made:
 
 
 def _check_cube(
-    number: int, cube: tuple[GeneratorPlacement, ...], carried: Carried, fail: Fail, *, last: bool
+    number: int,
+    cube: tuple[GeneratorPlacement, ...],
+    carried: ScheduledRound,
+    fail: Fail,
+    *,
+    last: bool,
 ) -> None:
     due, made, gave_up = _moves(cube), carried.made, carried.gave_up
     for what, moves in (("is not in its cube", made - due), ("is not made", due - made)):

@@ -23,7 +23,7 @@ from cubepath.coordinator.verification.findings import (
 )
 from cubepath.coordinator.verification.free_attempts import Attempts
 from cubepath.coordinator.verification.free_history import History, LevelPath
-from cubepath.coordinator.verification.free_shown import Shownness, Tails
+from cubepath.coordinator.verification.free_shown import Tails, VisibilityCheck
 from cubepath.coordinator.verification.free_transcript import (
     FreeReading,
     FreeTranscript,
@@ -178,7 +178,7 @@ def _check_said(
     tiles = Tiles(recording.scene.system, keepers)
     checks = _Checks(
         Attempts(history, transcript, tiles, failures.stage(2)),
-        Shownness(history, transcript, tiles, failures.stage(2)),
+        VisibilityCheck(history, transcript, tiles, failures.stage(2)),
         Tails(history, transcript, tiles, failures.stage(2)),
         TurnsOfModules(history, transcript, tiles, playing, failures.stage(2)),
     )
@@ -212,7 +212,7 @@ class _Checks(NamedTuple):
     """What is checked message by message."""
 
     attempts: Attempts
-    shown: Shownness
+    shown: VisibilityCheck
     tails: Tails
     turns: TurnsOfModules
 

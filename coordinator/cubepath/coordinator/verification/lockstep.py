@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from cubepath.coordinator.verification.choices import Moment, Player
-from cubepath.coordinator.verification.ending import Course, check_schedule
+from cubepath.coordinator.verification.choices import Moment, RoundPlayer
+from cubepath.coordinator.verification.ending import OutcomeCheck, check_schedule
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import (
@@ -20,7 +20,7 @@ from cubepath.coordinator.verification.parameters import (
 )
 from cubepath.coordinator.verification.results import Derived, concluded
 from cubepath.coordinator.verification.rounds import Rederivation
-from cubepath.coordinator.verification.transcript import RECOVERED, Round, Sorting
+from cubepath.coordinator.verification.transcript import RECOVERED, RecordedRound, Sorting
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
@@ -59,7 +59,7 @@ def verify_lockstep(
     recording: Recording,
     blocks: Iterable[tuple[Iterable[Record], float]],
     progress: Progress | None,
-    player: Callable[[], Player] | None,
+    player: Callable[[], RoundPlayer] | None,
 ) -> Verification:
     """Derive everything in the recording of a run with rounds, and compare.
 
@@ -80,7 +80,7 @@ def verify_lockstep(
     if seed is None and not seed_lost:
         failures.stage(1)("claims", "the recording names no seed, so nobody's rank is known")
     derived = Rederivation(recording.scene, seed, failures.stage(1), stages)
-    course = Course(recording, failures.stage(2))
+    course = OutcomeCheck(recording, failures.stage(2))
     playing = None if player is None else player()
     another_choice = partial(failures.stage(1), "choices")
     for records, least in blocks:
@@ -94,7 +94,7 @@ def verify_lockstep(
                 progress(1)
     sorting.end()
     if playing is not None:
-        last = _moment(transcript.complete_rounds + 1, derived, Round())
+        last = _moment(transcript.complete_rounds + 1, derived, RecordedRound())
         playing.end(last, transcript, another_choice)
     fail = failures.stage(2)
     course.check(transcript, pacing)
@@ -119,11 +119,11 @@ def verify_lockstep(
     )
 
 
-def _moment(number: int, derived: Rederivation, said: Round) -> Moment:
+def _moment(number: int, derived: Rederivation, said: RecordedRound) -> Moment:
     return Moment(number, tuple(derived.sites), frozenset(derived.state), said)
 
 
-def _unchecked(playing: Player | None, *, seed_lost: bool) -> dict[str, str]:
+def _unchecked(playing: RoundPlayer | None, *, seed_lost: bool) -> dict[str, str]:
     """Return why checks were not made, by name."""
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     found = {} if why is None else {"choices": f"not checked: {why}"}

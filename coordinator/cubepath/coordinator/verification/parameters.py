@@ -187,7 +187,7 @@ def hesitation_in(parameters: Mapping[str, str]) -> float | None:
     return found if 0.0 <= found < 1.0 else None
 
 
-class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RuleStage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What modules follow from a round on: each begins there with no memory."""
 
     begins: int
@@ -224,25 +224,25 @@ def spans(modules: Iterable[int]) -> str:
     return ",".join(f"{one}-{last}" if one < last else str(one) for one, last in found)
 
 
-def stages_text(stages: tuple[Stage, ...]) -> str:
+def stages_text(stages: tuple[RuleStage, ...]) -> str:
     """Return stages as the parameter `stages` has them."""
     return msgspec.json.encode(stages).decode()
 
 
-def stages_in(recording: Recording) -> tuple[Stage, ...]:
+def stages_in(recording: Recording) -> tuple[RuleStage, ...]:
     """Return the stages of a run; none if there are none on record, or something is wrong."""
     stages = _told(recording.parameters)
     return stages if stages and _odd(stages, recording) is None else ()
 
 
-def _told(parameters: Mapping[str, str]) -> tuple[Stage, ...]:
+def _told(parameters: Mapping[str, str]) -> tuple[RuleStage, ...]:
     return stages_of(parameters.get("stages", "[]"))
 
 
-def stages_of(text: str) -> tuple[Stage, ...]:
+def stages_of(text: str) -> tuple[RuleStage, ...]:
     """Return the stages that the parameter `stages` tells; none if it is malformed."""
     try:
-        return msgspec.json.decode(text, type=tuple[Stage, ...])
+        return msgspec.json.decode(text, type=tuple[RuleStage, ...])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return ()
 
@@ -278,7 +278,7 @@ def check_stages(recording: Recording, transcript: Transcript, fail: Fail) -> No
         fail("stages", f"{when}, expected after round {begins - 1}")
 
 
-def _odd(stages: tuple[Stage, ...], recording: Recording) -> str | None:
+def _odd(stages: tuple[RuleStage, ...], recording: Recording) -> str | None:
     """Return in one line what is wrong with stages by themselves; None if nothing is."""
     told, modules = recording.parameters, range(len(recording.scene.start))
     if recording.schedule is not None or told.get("rule") != RECORDED:

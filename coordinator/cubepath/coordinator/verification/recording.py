@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import inf
 
-from cubepath.coordinator.verification.choices import Player
+from cubepath.coordinator.verification.choices import RoundPlayer
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
@@ -31,7 +31,7 @@ def verify(
     recording: Recording | Source,
     progress: Progress | None = None,
     *,
-    player: Callable[[], Player] | None = None,
+    player: Callable[[], RoundPlayer] | None = None,
     free_player: Callable[[], FreePlayer] | None = None,
 ) -> Verification:
     """Derive everything in a recording, or in its file, again from its start state, and compare.

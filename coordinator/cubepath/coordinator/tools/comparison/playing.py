@@ -27,7 +27,7 @@ from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import (
     RECORDED,
-    Stage,
+    RuleStage,
     hesitation_in,
     seed_in,
     stages_in,
@@ -103,7 +103,7 @@ def way_of(recording: Recording, module: int, number: int, own: str | None = Non
     )
 
 
-def stage_at(recording: Recording, number: int) -> Stage | None:
+def stage_at(recording: Recording, number: int) -> RuleStage | None:
     """Return the stage to which a round belongs; None if the run has no stages."""
     begun = [each for each in stages_in(recording) if each.begins <= max(number, 1)]
     return begun[-1] if begun else None

@@ -22,8 +22,8 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import (
     MOVES_MAX,
-    About,
     Released,
+    RunInfo,
     about_key,
     ask,
     ask_path,
@@ -189,7 +189,7 @@ class RemoteRunPage:
         self.address = self._server.address
         """Where the page is."""
 
-    def _listen(self, about: About) -> None:
+    def _listen(self, about: RunInfo) -> None:
         session = self._session
         said = _SAID_FREE if self._free else _SAID
         self._subscribers = [
@@ -198,7 +198,7 @@ class RemoteRunPage:
         ]
         self._token = watch(session, about_key(about.run), self._tell_alive)
 
-    def _facts(self, about: About) -> list[tuple[str, str]]:
+    def _facts(self, about: RunInfo) -> list[tuple[str, str]]:
         known = about.parameters
         facts: list[tuple[str, str]] = [
             (key, known[key]) for key in ("rule", "seed") if key in known
@@ -328,7 +328,7 @@ class RemoteRunPage:
             self._feed.close()
 
 
-def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     about = find_run(session, endpoint, run, patience_s)
     if about.is_replay:
         raise InputError(

@@ -20,7 +20,7 @@ from typing import Self
 import msgspec
 import zenoh
 
-from cubepath.coordinator.runs.asking import About, about_key, find_run
+from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
 from cubepath.coordinator.tools.recorder.backlog import (
     Backlog,
@@ -441,13 +441,13 @@ def record(
     )
 
 
-def _processes(about: About) -> int:
+def _processes(about: RunInfo) -> int:
     """Return how many processes a run says that it has; 1 if that is malformed."""
     told = about.parameters.get("processes", "")
     return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
 
 
-def _new_name(about: About) -> Path:
+def _new_name(about: RunInfo) -> Path:
     family = name_part(about.parameters.get("family", "")) or "run"
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     return Path("logs") / f"{family}-attached-{now}.mcap"

@@ -36,7 +36,7 @@ QUESTIONS_MAX, LOOK_MAX = 1024, 64
 again; and between two looks the run goes on, or is interrupted."""
 
 
-class Joiners:
+class RemoteProcesses:
     """The joiners of one run."""
 
     def __init__(
