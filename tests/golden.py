@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan, parameters_of, task_of
-from cubepath.coordinator.simulation.faults import Listed
+from cubepath.coordinator.simulation.faults import ListedFaults
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import simulate
 from cubepath.protocol.recordings.recording import read_recording
@@ -54,7 +54,7 @@ def records_of(plan: Plan) -> Iterable[Record]:
     scenario = Scenario(
         task.scene.spec, task.rule, plan.processes, plan.hesitate, task.max_rounds, plan.seed
     )
-    found = simulate(scenario, Listed(()))
+    found = simulate(scenario, ListedFaults(()))
     assert found.failure is None, found.failure
     return found.recording.records
 

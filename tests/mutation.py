@@ -114,9 +114,11 @@ MIRRORED: dict[str, tuple[str, ...]] = {
         "tests/coordinator/verification/test_proof.py",
         "tests/coordinator/normal_form/test_certificate.py",
     ),
-    f"{_VERIFICATION}/recording.py": _RECORDED,
+    f"{_VERIFICATION}/lockstep.py": _RECORDED,
+    f"{_VERIFICATION}/results.py": _RECORDED,
     f"{_VERIFICATION}/rounds.py": _RECORDED,
-    f"{_VERIFICATION}/schedule.py": (
+    f"{_VERIFICATION}/ending.py": (
+        "tests/coordinator/verification/test_ending.py",
         "tests/coordinator/verification/test_schedule.py",
         *_RECORDED,
     ),

@@ -11,7 +11,8 @@ import pytest
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from golden import FOLDER, PLANS, path_of, write
 

@@ -13,7 +13,8 @@ import pytest
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened, read_text
 from cubepath.protocol.core.output_files import written_whole

@@ -14,12 +14,12 @@ from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import parts_said, schema_of
 from filled import TEXT, all_structs, filled
 
-IN_MEMORY = {"Heard of judge", "Status of asking", "Overheard of tap"}
+IN_MEMORY = {"HeardMessage of judge", "Status of asking", "TappedMessage of listeners"}
 """What never leaves its process, and may hold what is no JSON."""
 ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each in all_structs()}
 OPEN = {
     *("messages", "free_messages", "membership", "asking"),
-    *("GeneratorPlacement of catalogue", "Released of free_gatherer"),
+    "GeneratorPlacement of catalogue",
     *("PlayerStatus of orders", "Position of orders", "Refusal of orders"),
     *("counts", "cgshop2021", "cgshop2026", "_Other of certificates"),
     *("_FreeHead of losses", "Head of losses", "_Rounded of logged", "_Numbered of timeline"),

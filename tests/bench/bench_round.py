@@ -36,7 +36,7 @@ from tqdm import tqdm
 from cubepath.agents.environments.playing import play
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.agents.processes.dealing import dealt
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.uniform import RANDOM
@@ -120,7 +120,7 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
             conductor.hear(message)
             kept.append((message, data))
 
-        with Fleet(
+        with LockstepFleet(
             scene, "random", processes=processes, sink=sink, plausible=conductor.check
         ) as fleet:
             conductor.know(fleet.modules_of, 0)

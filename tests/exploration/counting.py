@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from cubepath.coordinator.simulation.faults import SECOND_US, Faults
-from cubepath.coordinator.simulation.network import Network
-from cubepath.coordinator.simulation.trace import Trace
+from cubepath.coordinator.simulation.network import SimulatedNetwork, Trace
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
@@ -84,10 +83,10 @@ class Worker:
 
 def counted(
     faults: Faults, *, workers: int = 3, upto: int = 20, seed: int = 0, doubles: bool = True
-) -> tuple[Network, Counter, list[Worker], Trace]:
+) -> tuple[SimulatedNetwork, Counter, list[Worker], Trace]:
     """Let workers count to the end; return what is left of it."""
     trace = Trace()
-    network = Network(faults, seed, trace)
+    network = SimulatedNetwork(faults, seed, trace)
     counter = Counter(workers, upto)
     made: list[Worker] = []
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import msgspec
 
-from cubepath.agents.processes.judge import Heard
+from cubepath.agents.processes.config import ProcessConfig
+from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Again, Go, Message, Said, decode, encode
 from cubepath.protocol.wire.nodes import Effect
@@ -15,7 +15,7 @@ from cubepath.protocol.wire.nodes import Effect
 class Faultless:
     """The node as it is, with one place for a bug."""
 
-    def __init__(self, orders: Orders, scene: Scene) -> None:
+    def __init__(self, orders: ProcessConfig, scene: Scene) -> None:
         self._node = HostNode(orders, scene)
 
     def start(self) -> list[Effect]:
@@ -39,14 +39,14 @@ class _Twice(HostNode):
             return super()._hear(said)
         heard = self._judge.heard(said)
         other = msgspec.structs.replace(said, number=said.number + 100)
-        self._inbox.keep(Heard(other, heard.senders))
+        self._inbox.keep(HeardMessage(other, heard.senders))
         return self._try_to_begin()
 
 
 class TakesDoubles(Faultless):
     """Takes what is said to it twice for two messages."""
 
-    def __init__(self, orders: Orders, scene: Scene) -> None:
+    def __init__(self, orders: ProcessConfig, scene: Scene) -> None:
         super().__init__(orders, scene)
         self._node = _Twice(orders, scene)
 

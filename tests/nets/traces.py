@@ -21,9 +21,9 @@ from typing import Any
 
 from words import compared, parser, plain, text_of, write
 
-from cubepath.coordinator.simulation.scenarios import Asked
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import ScenarioOptions
 from cubepath.coordinator.simulation.swarm import Free, Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 
 
 class _Lockstep(Lockstep):
@@ -48,7 +48,11 @@ class _Free(Free):
 
 @cache
 def _simulator(clock: str, liars: bool) -> _Lockstep | _Free:
-    return _Free(Asked(clock="free")) if clock == "free" else _Lockstep(Asked(liars=liars))
+    return (
+        _Free(ScenarioOptions(clock="free"))
+        if clock == "free"
+        else _Lockstep(ScenarioOptions(liars=liars))
+    )
 
 
 def taken(job: tuple[str, bool, int]) -> tuple[str, bytes]:

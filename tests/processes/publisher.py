@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import zenoh
 
-from cubepath.coordinator.runs.asking import About, Answers, Status
+from cubepath.coordinator.runs.asking import Answers, RunInfo, Status
 from cubepath.protocol.recordings.description import FORMAT
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -31,11 +31,11 @@ def message(number: int, size: int) -> bytes:
     return (text + " " * (size - len(text) - 1) + "}").encode()
 
 
-def about() -> About:
+def about() -> RunInfo:
     """Return what the run says of itself."""
     scene = scene_from_spec("hex:n=4")
     parameters = {"system": scene.spec, "family": scene.family, "rule": "random", "seed": "0"}
-    return About(RUN, FORMAT, parameters, scene_to_toml(scene))
+    return RunInfo(RUN, FORMAT, parameters, scene_to_toml(scene))
 
 
 def main() -> None:

@@ -10,10 +10,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from random import Random
 
+from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.pacer import Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor
@@ -56,7 +56,9 @@ class Driven:
         judge.note_length = note_length
         self.nodes = [
             HostNode(
-                Orders("", RUN, process, modules, modules_of, "", rule, seed, 0.0, note_length),
+                ProcessConfig(
+                    "", RUN, process, modules, modules_of, "", rule, seed, 0.0, note_length
+                ),
                 self.scene,
             )
             for process, modules in enumerate(modules_of)

@@ -9,10 +9,10 @@ from typing import Literal
 from msgspec import json
 
 from cubepath.agents.environments.world import World
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import Pacer
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
@@ -85,7 +85,7 @@ class ShortRun:
         text = scene_to_toml(self.scene)
         hosts = [
             kind(
-                Orders(
+                ProcessConfig(
                     endpoint="",
                     run=RUN,
                     process=process,

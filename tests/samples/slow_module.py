@@ -15,14 +15,15 @@ from statistics import median
 from unittest.mock import patch
 
 from cubepath.agents.free import mover
+from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import THINK_S, FreeOrders
+from cubepath.agents.free.mover import THINK_S
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
-from cubepath.coordinator.simulation.faults import SECOND_US, Listed
+from cubepath.coordinator.simulation.faults import SECOND_US, ListedFaults
 from cubepath.coordinator.simulation.free_simulated import Watch
-from cubepath.coordinator.simulation.network import Network
+from cubepath.coordinator.simulation.network import SimulatedNetwork
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns, decode_free
@@ -62,7 +63,7 @@ def measured(spec: str, slow: int, seed: int, seconds: float) -> Measured:
     modules = [*range(len(scene.start))]
     others = [module for module in modules if module != slow]
     modules_of = [[slow], *(others[at::PROCESSES] for at in range(PROCESSES))]
-    network = Network(Listed([]), seed)
+    network = SimulatedNetwork(ListedFaults([]), seed)
     network.add("coordinator", lambda: Watch("run", KEEPERS))
     tiles = Tiles(scene.system, KEEPERS)
     for keeper in range(KEEPERS):
@@ -140,7 +141,7 @@ def _host(
     slow: int,
     seed: int,
 ) -> Node:
-    orders = FreeOrders(
+    orders = FreeProcessConfig(
         endpoint="",
         run="run",
         process=process,

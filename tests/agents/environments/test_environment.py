@@ -280,7 +280,7 @@ def test_a_dropped_environment_ends_its_processes() -> None:
     one.reset(seed=0)
     world = one.world
     assert isinstance(world, WireWorld)
-    children = list(world._running()._children.by_process.values())
+    children = list(world._running()._children.by_name.values())
     del one, world
     gc.collect()
     assert [child.returncode for child in children] == [0, 0]

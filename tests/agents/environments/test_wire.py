@@ -19,7 +19,7 @@ from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.agents.local.module import ProtocolError
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -68,7 +68,9 @@ def reports_of(
     def sink(kept: Keep[Message], wall_ns: int) -> None:
         found.extend(part for part in parts_of(kept.message) if isinstance(part, Report))
 
-    with Fleet(scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink) as fleet:
+    with LockstepFleet(
+        scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink
+    ) as fleet:
         for _ in fleet.rounds(rounds):
             pass
     return sorted(found, key=lambda report: (report.round, report.module))
@@ -119,7 +121,9 @@ def reports_of_seeds(
     def sink(kept: Keep[Message], wall_ns: int) -> None:
         found.extend(part for part in parts_of(kept.message) if isinstance(part, Report))
 
-    with Fleet(scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink) as fleet:
+    with LockstepFleet(
+        scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink
+    ) as fleet:
         for seed, one in enumerate(played):
             fleet.reset(seed)
             before = fleet.round
@@ -218,7 +222,7 @@ def test_everyone_sensed_is_heard(told: tuple[Scene, list[Report]]) -> None:
 
 
 @contextmanager
-def eavesdropper(fleet: Fleet) -> Generator[SimpleQueue[bytes]]:
+def eavesdropper(fleet: LockstepFleet) -> Generator[SimpleQueue[bytes]]:
     """Join a fleet's run with a session of one's own and hear everything."""
     found: SimpleQueue[bytes] = SimpleQueue()
 
@@ -238,7 +242,7 @@ def test_a_coordinator_that_hears_nothing_changes_nothing() -> None:
     scene = scene_from_spec("hex:n=6")
     told = reports_of(scene, "random", seed=8, hesitate=0.2, processes=2, rounds=15)
     with (
-        Fleet(scene, "random", seed=8, hesitate=0.2, processes=2, sink=None) as fleet,
+        LockstepFleet(scene, "random", seed=8, hesitate=0.2, processes=2, sink=None) as fleet,
         eavesdropper(fleet) as found,
     ):
         for _ in fleet.rounds(15):
@@ -259,7 +263,7 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
     pids: list[int] = []
     with (
         pytest.raises(ProcessDied, match=r"module_2, module_3 \(process 1\) died .*signal 9"),
-        Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
+        LockstepFleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
     ):
         pids += fleet.pids.values()
         for number in fleet.rounds(10_000):
@@ -275,8 +279,8 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
 def test_processes_end_properly_when_they_are_told_to() -> None:
     """After a run every module process has ended by itself, with exit code 0."""
     scene = scene_from_spec("hex:n=3")
-    with Fleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
-        children = list(fleet._children.by_process.values())
+    with LockstepFleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
+        children = list(fleet._children.by_name.values())
         for _ in fleet.rounds(3):
             pass
     assert [child.returncode for child in children] == [0, 0, 0]
@@ -286,8 +290,8 @@ def test_processes_end_properly_when_they_are_told_to() -> None:
 def test_processes_end_when_their_parent_is_gone() -> None:
     """A module process whose standard input closes ends by itself, with all of its group."""
     scene = scene_from_spec("hex:n=2")
-    with Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet:
-        child = fleet._children.by_process[0]
+    with LockstepFleet(scene, "random", processes=2, sink=lambda *_: None) as fleet:
+        child = fleet._children.by_name["process_0"]
         assert child.stdin is not None
         child.stdin.close()
         assert child.wait(timeout=10) == -signal.SIGKILL
@@ -310,8 +314,8 @@ def test_runs_side_by_side_do_not_hear_each_other() -> None:
         return sink
 
     with (
-        Fleet(scene, "random", seed=1, processes=0, sink=sink_to(both[0])) as one,  # type: ignore[arg-type]
-        Fleet(scene, "random", seed=2, processes=0, sink=sink_to(both[1])) as two,  # type: ignore[arg-type]
+        LockstepFleet(scene, "random", seed=1, processes=0, sink=sink_to(both[0])) as one,  # type: ignore[arg-type]
+        LockstepFleet(scene, "random", seed=2, processes=0, sink=sink_to(both[1])) as two,  # type: ignore[arg-type]
     ):
         for _ in zip(one.rounds(12), two.rounds(12), strict=True):
             pass

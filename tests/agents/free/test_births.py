@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from cubepath.agents.free import fleet as births_written
-from cubepath.agents.free.fleet import BIRTHS, Births, FreeFleet, log_of, next_births, read_births
+from cubepath.agents.free.fleet import BIRTHS, FreeFleet, LogsInfo, log_of, next_births, read_births
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.protocol.core import output_files
 from cubepath.protocol.core.errors import InputError
@@ -25,11 +25,11 @@ WRITERS = {births_written.__file__, output_files.__file__}
 
 def test_births_are_later_each_time_and_keep_the_first_run(tmp_path: Path) -> None:
     """Without a folder there are none before."""
-    assert next_births(None, "one") == Births("one", 1)
+    assert next_births(None, "one") == LogsInfo("one", 1)
     folder = tmp_path / "logs"
-    assert next_births(folder, "one") == Births("one", 1)
-    assert next_births(folder, "two") == Births("one", 1 + BIRTHS_OF_A_FLEET)
-    assert read_births(folder) == Births("one", 1 + BIRTHS_OF_A_FLEET)
+    assert next_births(folder, "one") == LogsInfo("one", 1)
+    assert next_births(folder, "two") == LogsInfo("one", 1 + BIRTHS_OF_A_FLEET)
+    assert read_births(folder) == LogsInfo("one", 1 + BIRTHS_OF_A_FLEET)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_births_are_whole_wherever_the_process_is_killed_that_writes_them(tmp_pa
         killed = _killed(tmp_path, lines)
         after = read_births(tmp_path)
         assert after is not None
-        assert after in {before, Births("one", before.birth + BIRTHS_OF_A_FLEET)}
+        assert after in {before, LogsInfo("one", before.birth + BIRTHS_OF_A_FLEET)}
         changed += killed and after != before
         before = after
         if not killed:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cubepath.agents.free.host_node import HALT_S, TICK_S_MAX, FreeHostNode
-from cubepath.agents.free.mover import FreeOrders
+from cubepath.agents.free.config import HALT_S, FreeProcessConfig
+from cubepath.agents.free.host_node import TICK_S_MAX, FreeHostNode
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
@@ -17,7 +17,7 @@ from cubepath.protocol.wire.tiles import Tiles
 
 def host(scene: Scene, birth: int) -> FreeHostNode:
     """Return the process of the only module, born so often."""
-    orders = FreeOrders("", "run", 0, [0], 1, birth, "", "random", seed=3)
+    orders = FreeProcessConfig("", "run", 0, [0], 1, birth, "", "random", seed=3)
     return FreeHostNode(orders, scene)
 
 

@@ -10,7 +10,7 @@ from random import Random
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.processes.orders import OUTSIDE
+from cubepath.agents.processes.config import OUTSIDE
 from cubepath.protocol.wire.messages import NoMessageError, decode
 from samples.driven import CASES, COORDINATOR, RUN, Driven, fate
 from tampering.junk import Junk

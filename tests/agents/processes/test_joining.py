@@ -10,21 +10,21 @@ import msgspec
 import pytest
 import zenoh
 
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.config import ProcessConfig
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.processes.joining import Joining, join
 from cubepath.agents.processes.membership import (
     PROTOCOL,
+    JoinOffer,
+    JoinRequest,
     Liveness,
-    Offer,
-    Request,
     alive_key,
     offer,
     orders_key,
     read_offer,
 )
-from cubepath.agents.processes.network import Network
-from cubepath.agents.processes.orders import Orders
-from cubepath.agents.processes.recruits import LOOK_MAX, QUESTIONS_MAX, Recruits
+from cubepath.agents.processes.network import NetworkConfig
+from cubepath.agents.processes.remote_processes import LOOK_MAX, QUESTIONS_MAX, RemoteProcesses
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
@@ -64,15 +64,15 @@ def answers(endpoint: str, run: str, who: str, request: bytes | None) -> list[st
 
 def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) -> None:
     """In one line each; the run goes on waiting, and takes the next."""
-    begun: list[Fleet] = []
+    begun: list[LockstepFleet] = []
     waits = threading.Event()
 
     def play() -> None:
-        fleet = Fleet(
+        fleet = LockstepFleet(
             scene_from_spec("hex:n=4"),
             "random",
             processes=0,
-            network=Network(connect=endpoint, wait_for=1),
+            network=NetworkConfig(connect=endpoint, wait_for=1),
             say=lambda line: waits.set() if line.startswith("waiting") else None,
         )
         begun.append(fleet)
@@ -84,8 +84,8 @@ def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) 
     thread.start()
     assert waits.wait(30)
     (fleet,) = begun
-    older = msgspec.json.encode(Request([0], "me", PROTOCOL - 1))
-    own = msgspec.json.encode(Request([0], "me", PROTOCOL))
+    older = msgspec.json.encode(JoinRequest([0], "me", PROTOCOL - 1))
+    own = msgspec.json.encode(JoinRequest([0], "me", PROTOCOL))
     expected = "expected the same version of cubepath on both"
     for who, request, line in (
         ("any", older, f"speaks protocol {PROTOCOL - 1} of cubepath, the coordinator {PROTOCOL}"),
@@ -108,7 +108,7 @@ def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) 
 
 def test_a_coordinator_of_another_version_is_refused(endpoint: str) -> None:
     """By the process that would join it, before it reads the orders, which may be different."""
-    strange = msgspec.json.encode(Offer(PROTOCOL + 1, msgspec.Raw(b'{"strange": true}')))
+    strange = msgspec.json.encode(JoinOffer(PROTOCOL + 1, msgspec.Raw(b'{"strange": true}')))
     with pytest.raises(InputError, match=rf"cubepath, the coordinator {PROTOCOL + 1}: "):
         join_offered(endpoint, strange)
 
@@ -120,7 +120,7 @@ def test_a_file_that_a_run_names_does_not_run(
     """Unless the process that joins names this file, too."""
     file, ran = tmp_path / "mine.py", tmp_path / "ran"
     file.write_text(f"open({str(ran)!r}, 'w')")
-    orders = Orders("", RUN, 0, [0], [[0]], "", f"{file}:MINE", 0, 0.0, 0)
+    orders = ProcessConfig("", RUN, 0, [0], [[0]], "", f"{file}:MINE", 0, 0.0, 0)
     with pytest.raises(InputError, match=r"mine.py:MINE' is in a file, which does not run"):
         join_offered(endpoint, offer(orders), given)
     assert not ran.exists()
@@ -145,7 +145,7 @@ def join_offered(endpoint: str, data: bytes, rule: str | None = None) -> None:
 
 def test_a_flood_of_questions_can_be_interrupted_and_is_bounded(endpoint: str) -> None:
     """Each look takes a number of them, and what is too many is dropped: who asks asks again."""
-    recruits = Recruits(endpoint, "flooded", 4, 1, Credentials(COORDINATOR, "", ""))
+    joiners = RemoteProcesses(endpoint, "flooded", 4, 1, Credentials(COORDINATOR, "", ""))
     with open_client(endpoint) as session:
         came: list[int] = []
 
@@ -159,16 +159,21 @@ def test_a_flood_of_questions_can_be_interrupted_and_is_bounded(endpoint: str) -
                 payload=b"x",
                 timeout=60.0,
             )
-        soon(lambda: recruits.dropped > 0)
-        recruits.look()
+        soon(lambda: joiners.dropped > 0)
+        joiners.look()
         soon(lambda: len(came) > 0)
         assert len(came) <= LOOK_MAX
-    recruits.close()
+    joiners.close()
 
 
 def test_orders_that_are_none_are_told_of() -> None:
     """CheckError: somebody else has answered."""
-    for data in (b"", b"{}", *HOSTILE, msgspec.json.encode(Offer(PROTOCOL, msgspec.Raw(b"{}")))):
+    for data in (
+        b"",
+        b"{}",
+        *HOSTILE,
+        msgspec.json.encode(JoinOffer(PROTOCOL, msgspec.Raw(b"{}"))),
+    ):
         with pytest.raises(CheckError, match="not the orders of a process"):
             read_offer(data)
 

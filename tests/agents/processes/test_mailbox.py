@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from cubepath.agents.processes.judge import Heard
+from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -17,10 +17,10 @@ def row() -> System:
     return scene_from_spec("agv:graph=grid24x1,n=2").system
 
 
-def heard(*which: tuple[int, str, int, int]) -> list[Heard]:
+def heard(*which: tuple[int, str, int, int]) -> list[HeardMessage]:
     """Return messages of these rounds, regions, processes and numbers."""
     return [
-        Heard(Said(number, "claim", process, region, count, []), ())
+        HeardMessage(Said(number, "claim", process, region, count, []), ())
         for number, region, process, count in which
     ]
 

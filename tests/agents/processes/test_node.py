@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -56,7 +56,7 @@ def hosts(
     scene = replace(scene_from_spec(spec), start=start, goal=None, goals=())
     nodes = [
         HostNode(
-            Orders(
+            ProcessConfig(
                 endpoint="",
                 run=RUN,
                 process=process,
@@ -357,7 +357,7 @@ def test_who_waits_for_others_and_is_asked_again_says_so() -> None:
     assert put(begun(one, "claim", r0=2)) == []
     assert put(begun(one, "claim", r0=2)) == [Waiting(1, 0, "claim")]
     _, loser = contest()
-    process = loser._orders.process
+    process = loser._config.process
     assert put(begun(loser, "settle", r0=2)) == []
     assert put(begun(loser, "settle", r0=2)) == [Waiting(1, process, "settle")]
 
@@ -367,7 +367,7 @@ def test_a_missing_verdict_is_asked_for_and_ends_the_round() -> None:
     winner, loser = contest()
     effects = begun(loser, "settle", r0=2)
     assert timers(effects) == [1.0]
-    process = loser._orders.process
+    process = loser._config.process
     (again,) = put(loser.tick())
     assert again == Again(1, process, "settle", "0")
     (verdict,) = put(hear(winner, again))

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.membership import PROTOCOL
-from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import schema_of
 
@@ -50,8 +50,8 @@ def test_the_page_has_all_fields_of_a_kind(kind: str) -> None:
 
 
 def test_the_page_has_all_orders() -> None:
-    """Each field of the orders has a row."""
-    assert all(row(field) for field in Orders.__struct_fields__)
+    """Each field of the configuration has a row."""
+    assert all(row(field) for field in ProcessConfig.__struct_fields__)
 
 
 def test_the_page_has_the_reasons_of_refusals() -> None:

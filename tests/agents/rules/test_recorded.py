@@ -8,7 +8,7 @@ from cubepath.agents.environments.world import World
 from cubepath.agents.local.arbitration import priority, seed_in
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.schedule import Recorded, RecordedChoice, as_recorded
-from cubepath.coordinator.verification.stages import RECORDED as IN_RECORDINGS
+from cubepath.coordinator.verification.parameters import RECORDED as IN_RECORDINGS
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.scenes.specs import scene_from_spec

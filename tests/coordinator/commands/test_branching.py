@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from processes.command_line import GOLDEN
 from tampering.wrecks import taken_apart
 

@@ -16,7 +16,7 @@ import pytest
 from cubepath.coordinator import record, run, start
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.spec import read_sweep_file
-from cubepath.coordinator.verification.told_scene import with_told_scene
+from cubepath.coordinator.verification.recovery import with_told_scene
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.remains import remains_of
 from cubepath.protocol.scenes.toml import scene_to_toml

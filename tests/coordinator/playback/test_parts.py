@@ -14,7 +14,8 @@ from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.playback.segments import RecordedStates
 from cubepath.coordinator.playback.timeline import Timeline, TimelinePosition
 from cubepath.coordinator.runs.contents import info
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.recording import read_recording

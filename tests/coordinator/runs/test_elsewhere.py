@@ -29,7 +29,7 @@ from processes.elsewhere import Commands, Running, soon
 pytestmark = pytest.mark.slow
 
 SYSTEM = ("hex:n=6", "--rule=random", "--seed=3", "--max-rounds=40")
-ENDLESS = ("hex:n=6", "--rule=random", "--max-rounds=999999", "--log=run.mcap")
+ENDLESS = ("hex:n=6", "--rule=random", "--max-rounds=20000", "--log=run.mcap")
 LOOPBACK = "tcp/127.0.0.1:0"
 
 

@@ -18,9 +18,9 @@ from msgspec import structs
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.runs import free_launch
+from cubepath.coordinator.runs import free_driver
 from cubepath.coordinator.runs.collector import Collector
-from cubepath.coordinator.runs.free_launch import FreeRun
+from cubepath.coordinator.runs.free_driver import FreeDriver
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
@@ -132,20 +132,20 @@ def test_who_answers_while_the_machine_stands_still_has_answered(
         def monotonic() -> float:
             return time.monotonic() + late[0]
 
-    look_after, wait = FreeRun._look_after, FreeRun._wait_for_keepers
+    look_after, wait = FreeDriver._look_after, FreeDriver._wait_for_keepers
 
-    def looks_after(self: FreeRun, fleet: FreeFleet) -> None:
+    def looks_after(self: FreeDriver, fleet: FreeFleet) -> None:
         look_after(self, fleet)
         late[0] = 1000.0 * (len(self._collector.tails) == self.plan.keepers)
 
-    def waits(self: FreeRun, *arguments: Any) -> None:
+    def waits(self: FreeDriver, *arguments: Any) -> None:
         with monkeypatch.context() as patched:
-            patched.setattr(FreeRun, "_look_after", looks_after)
+            patched.setattr(FreeDriver, "_look_after", looks_after)
             wait(self, *arguments)
         late[0] = 0.0
 
-    monkeypatch.setattr(free_launch, "time", Clock)
-    monkeypatch.setattr(FreeRun, "_wait_for_keepers", waits)
+    monkeypatch.setattr(free_driver, "time", Clock)
+    monkeypatch.setattr(FreeDriver, "_wait_for_keepers", waits)
     assert run(Plan(system=CHAIN, clock="free", processes=2, keepers=2)).goal_reached
 
 
@@ -414,8 +414,8 @@ def test_modules_are_held_back_where_the_record_does_not_keep_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Nothing is lost then, and the run says how long that took."""
-    monkeypatch.setattr(free_launch, "BEHIND_MAX", 3)
-    monkeypatch.setattr(free_launch, "BEHIND_MIN", 1)
+    monkeypatch.setattr(free_driver, "BEHIND_MAX", 3)
+    monkeypatch.setattr(free_driver, "BEHIND_MIN", 1)
     log = tmp_path / "run.mcap"
     outcome = run(Plan(system=CHAIN, clock="free", processes=2, keepers=2, log=log))
     assert outcome.goal_reached

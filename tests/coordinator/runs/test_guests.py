@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Message, Reports
 from cubepath.protocol.wire.nodes import Keep
@@ -72,7 +72,9 @@ for mode in ("peer", "router"):
 
 
 @contextmanager
-def guest(fleet: Fleet, do: str, *, slow: bool = False) -> Generator[subprocess.Popen[bytes]]:
+def guest(
+    fleet: LockstepFleet, do: str, *, slow: bool = False
+) -> Generator[subprocess.Popen[bytes]]:
     """Start a guest in a process of its own."""
     code = GUEST.format(do=do, slow=slow)
     child = subprocess.Popen(
@@ -96,7 +98,7 @@ def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> 
             told.append(kept.message)
 
     scene = scene_from_spec("hex:n=30")
-    with Fleet(scene, "random", seed=5, processes=2, sink=sink) as fleet:
+    with LockstepFleet(scene, "random", seed=5, processes=2, sink=sink) as fleet:
         if do is None:
             for _ in fleet.rounds(ROUNDS):
                 pass

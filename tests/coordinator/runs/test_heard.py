@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from cubepath.coordinator.runs.collector import ASKS_MAX, Heard
+from cubepath.coordinator.runs.collector import ASKS_MAX, SequenceTracker
 from cubepath.protocol.wire.free_messages import (
     Asks,
     FreeMessage,
@@ -22,15 +22,15 @@ def turns(*numbers: int, birth: int = 1) -> list[FreeMessage]:
     return [Turns(0, [], birth, number) for number in numbers]
 
 
-def heard(*messages: FreeMessage) -> Heard:
+def heard(*messages: FreeMessage) -> SequenceTracker:
     """Return what is known after these."""
-    found = Heard()
+    found = SequenceTracker()
     for message in messages:
         found.take(message)
     return found
 
 
-def asks(found: Heard) -> list[Repeat]:
+def asks(found: SequenceTracker) -> list[Repeat]:
     """Return what is asked for, the second time that it is looked at."""
     assert list(found.asks()) == []
     return list(found.asks())
@@ -69,7 +69,7 @@ def test_what_does_not_come_is_given_up() -> None:
 
 def test_whatever_was_lost_comes_in_the_end() -> None:
     """With half of all messages lost, each time anew."""
-    random, sayings, found = Random(3), Sayings("run", 1), Heard()  # noqa: S311 - a seeded one
+    random, sayings, found = Random(3), Sayings("run", 1), SequenceTracker()  # noqa: S311 - a seeded one
     for _ in range(500):
         put = sayings.say(Turns(0, []))
         if random.random() < 0.5:

@@ -23,7 +23,7 @@ import pytest
 import zenoh
 
 from cubepath.agents.environments.playing import play
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
 from cubepath.coordinator.runs.launch import run
@@ -40,7 +40,7 @@ from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from samples.recordings import parts
 
 PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
-LONG = ["--rule=random", "--max-rounds=999999"]
+LONG = ["--rule=random", "--max-rounds=20000"]
 KEYS = [
     "log",
     "system",
@@ -283,9 +283,9 @@ def test_the_log_of_a_file_bears_its_name(
     assert Path(outcome.log).name.startswith(name)
 
 
-def running() -> Fleet:
+def running() -> LockstepFleet:
     """Return the fleet of the run that goes on in this process."""
-    fleets = (one for one in gc.get_objects() if isinstance(one, Fleet))
+    fleets = (one for one in gc.get_objects() if isinstance(one, LockstepFleet))
     return next(one for one in fleets if one._shell is not None)  # not one that is over
 
 

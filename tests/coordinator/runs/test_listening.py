@@ -6,19 +6,22 @@ import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal
 
 import pytest
 
 from cubepath.coordinator.runs.launch import run, start
+from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.runs.running import Running
-from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.writing import RecordingFull, RecordingWriter
 from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, subscribe
 from processes.living import is_there
 
 SYSTEM = "hex:n=4"
@@ -35,14 +38,14 @@ class Raises:
         self._times = times
         self._error = error or ZeroDivisionError(kind)
 
-    def __call__(self, overheard: Overheard) -> None:
+    def __call__(self, overheard: TappedMessage) -> None:
         self.heard += 1
         if overheard.kind == self._kind and self._times:
             self._times -= 1
             raise self._error
 
 
-def whole(running: Running, ended: str) -> None:
+def whole(running: Run, ended: str) -> None:
     """Assert that a run has ended so, that nothing is left of it, and that its log is whole."""
     assert running.outcome.ended == ended
     recording = read_recording(running.log)
@@ -122,9 +125,9 @@ def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Pat
     with start("hex:n=6", "random", **plan, log=tmp_path / "a.mcap") as running:
         pids = list(running.pids.values())
         running.step(2)
-        asked: list[Overheard] = []
+        asked: list[TappedMessage] = []
 
-        def hear(overheard: Overheard) -> None:
+        def hear(overheard: TappedMessage) -> None:
             if not asked:
                 asked.append(overheard)
                 signal.raise_signal(signal.SIGINT)
@@ -140,11 +143,50 @@ def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Pat
 @pytest.mark.few(1)
 @pytest.mark.slow
 @CLOCKS
+@pytest.mark.parametrize("kind", ["cube", "certificate", "summary"])
+def test_an_interrupt_while_results_are_written_loses_none(
+    kind: str, clock: Clock, tmp_path: Path
+) -> None:
+    """It is raised when they are on record, each of them once."""
+    log = tmp_path / "a.mcap"
+    with start(SYSTEM, clock=clock, processes=1, keepers=1, log=log) as running:
+        running.listen(Raises(kind, error=KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            running.play()
+        kinds = [each.kind for each in read_recording(log).records]
+        assert kinds.count("cube") == running.outcome.cubes
+        whole(running, "goal")
+
+
+@CLOCKS
+def test_results_are_published_though_the_disk_is_full(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever listens is told how the run ended, and why."""
+    heard: SimpleQueue[str] = SimpleQueue()
+    with (
+        start(SYSTEM, clock=clock, processes=1, keepers=1, log=tmp_path / "a.mcap") as running,
+        open_client(running.endpoint) as guest,
+    ):
+        key = f"cubepath/{running.run}/summary/**"
+        subscribe(guest, key, lambda each: heard.put(each.payload.to_string()))
+
+        def full(_: RecordingWriter) -> None:
+            raise RecordingFull("the disk is full")
+
+        monkeypatch.setattr(RecordingWriter, "flush", full)
+        assert running.play().ended == "failed"
+        assert "the disk is full" in heard.get(timeout=30)
+
+
+@pytest.mark.few(1)
+@pytest.mark.slow
+@CLOCKS
 def test_a_listener_may_stop_the_run(clock: Clock, tmp_path: Path) -> None:
     """It is told how the run stands so far; whoever goes on with it ends it then."""
     found: list[Outcome] = []
 
-    def hear(overheard: Overheard) -> None:
+    def hear(overheard: TappedMessage) -> None:
         if overheard.kind in ("report", "moved") and overheard.round == 2 and not found:
             found.append(running.stop())
             running.__exit__(None, None, None)
@@ -164,7 +206,7 @@ def test_a_round_is_played_by_one(tmp_path: Path) -> None:
             act()
         told.append(str(error.value))
 
-    def hear(_: Overheard) -> None:
+    def hear(_: TappedMessage) -> None:
         if told:
             return
         refused(running.step)

@@ -15,7 +15,8 @@ from processes.elsewhere import Commands, folders, soon
 
 pytestmark = pytest.mark.slow
 
-RUN = ("run", "hex:n=6", "--rule=random", "--max-rounds=999999", "--log=run.mcap")
+# A bounded run: it ends by itself when the test is killed before it has ended the run.
+RUN = ("run", "hex:n=6", "--rule=random", "--max-rounds=20000", "--log=run.mcap")
 
 
 def children_of(pid: int) -> dict[str, list[int]]:

@@ -14,9 +14,9 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start
+from cubepath.coordinator.runs.listeners import Tap, TappedMessage
 from cubepath.coordinator.runs.plan import Plan, PlanOptions
-from cubepath.coordinator.runs.running import Running
-from cubepath.coordinator.runs.tap import Overheard, Tap
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.recordings.recording import read_recording
@@ -248,7 +248,7 @@ def test_a_tap_is_bounded() -> None:
     """What nobody takes is dropped, the oldest first, and counted."""
     tap = Tap(("go",), most=2)
     for number, kind in enumerate(("go", "go", "claim", "go", "go")):
-        tap.hear(Overheard(kind, number, None, 0))
+        tap.hear(TappedMessage(kind, number, None, 0))
     assert [each.round for each in tap] == [3, 4]
     assert (len(tap), tap.dropped) == (0, 2)
 
@@ -256,7 +256,7 @@ def test_a_tap_is_bounded() -> None:
 def test_what_is_asked_of_a_run_too_early_or_late_is_told(tmp_path: Path) -> None:
     """Before it begins, when it has no such process, and while it goes on."""
     running = start("hex:n=3", processes=0, log=tmp_path / "a.mcap")
-    assert isinstance(running, Running)
+    assert isinstance(running, Run)
     with pytest.raises(CheckError, match="has not begun"):
         running.step()
     with running:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.environments.playing import play
-from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
@@ -19,8 +19,10 @@ from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.runs.schedule import Assignment
+from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
@@ -482,7 +484,7 @@ def test_a_process_is_handed_the_moves_of_its_modules_alone() -> None:
     """And each module is the mover of all that is on its list."""
     first = original(*VEHICLES)
     assignment = assignment_of(read_schedule(first.path), first.scene)
-    fleet = Fleet(first.scene, "tswap", processes=2, schedule=assignment.own)
+    fleet = LockstepFleet(first.scene, "tswap", processes=2, schedule=assignment.own)
     for modules in fleet.modules_of:
         handed = fleet._own(modules)
         assert handed is not None

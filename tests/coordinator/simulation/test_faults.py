@@ -11,9 +11,9 @@ from cubepath.coordinator.simulation.faults import (
     ROUTER,
     SECOND_US,
     SLOW_MESSAGES,
-    Drawn,
+    DrawnFaults,
     Fault,
-    Listed,
+    ListedFaults,
 )
 
 PATIENCE_US = 60 * SECOND_US
@@ -22,7 +22,7 @@ NAMES = ["process_0", "process_1"]
 
 def drawn(seed: int, count: int = 2000) -> list[Fault]:
     """Return the faults that are drawn for so many messages at each place."""
-    faults = Drawn(Random(seed), "coordinator", NAMES, PATIENCE_US)  # noqa: S311 - not for secrets
+    faults = DrawnFaults(Random(seed), "coordinator", NAMES, PATIENCE_US)  # noqa: S311 - not for secrets
     asked = [
         each
         for nth in range(count)
@@ -74,7 +74,7 @@ def test_a_list_gives_what_is_on_it_and_nothing_else() -> None:
     """By place and count."""
     fault = Fault("process_0 up", 7, "delay", 12)
     death = Fault(ROUTER, 2, "router", 5)
-    listed = Listed([fault, death])
+    listed = ListedFaults([fault, death])
     assert listed.on_hop("process_0 up", 7) == fault
     assert listed.on_hop("process_0 up", 6) is None
     assert listed.on_process("process_0", 7) is None

@@ -14,13 +14,16 @@ from cubepath.coordinator.simulation.faults import (
     SECOND_US,
     STARTS,
     Fault,
-    Listed,
+    ListedFaults,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
-from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Asked
+from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import (
+    FreeScenario,
+    ScenarioOptions,
+    free_scenario_of,
+)
 from cubepath.coordinator.simulation.swarm import WITHOUT_ROUNDS, Free, Tally, simulate_seeds
-from cubepath.coordinator.simulation.trace import Trace
 from exploration.planted_keepers import PLANTED
 from marked import some
 
@@ -31,9 +34,9 @@ GRID = FreeScenario(
 HEX = FreeScenario("hex:n=4", "chain", 4, 2, 0.0, (0.0,), 30, 20 * SECOND_US, False, 7)
 
 
-def held(scenario: FreeScenario, *faults: Fault, trace: Trace | None = None) -> FreeSimulated:
+def held(scenario: FreeScenario, *faults: Fault, trace: Trace | None = None) -> FreeSimulatedRun:
     """Return a run with these faults, which holds, and in which they all come to pass."""
-    found = free_simulate(scenario, Listed(faults), trace=trace)
+    found = free_simulate(scenario, ListedFaults(faults), trace=trace)
     assert found.failure is None
     assert sorted(found.fired) == sorted(faults)
     return found
@@ -71,7 +74,7 @@ def test_each_fault_happens_and_is_survived(kind: str) -> None:
         "crash": ("process_1", 8),
     }.get(kind, ("keeper_0", 12) if kind in ON_KEEPERS else ("keeper_0 up", 12))
     tries = range(nth, nth + 20 if kind == "torn" else nth + 1)
-    found = [free_simulate(GRID, Listed([Fault(where, at, kind, amount)])) for at in tries]
+    found = [free_simulate(GRID, ListedFaults([Fault(where, at, kind, amount)])) for at in tries]
     assert [run.failure for run in found] == [None] * len(found)
     assert any(run.fired for run in found)
 
@@ -84,7 +87,7 @@ def test_a_keeper_with_its_journal_in_a_file_comes_back_from_it() -> None:
         for keeper in (0, 2)
         for nth, kind in ((8, "torn"), (9, "cut"), (10, "torn"), (11, "torn"), (13, "return"))
     ]
-    found = free_simulate(files, Listed(faults))
+    found = free_simulate(files, ListedFaults(faults))
     assert found.failure is None
     assert {fault.kind for fault in found.fired} == {"torn", "cut", "return"}
 
@@ -106,7 +109,7 @@ def test_a_seed_is_the_same_run_each_time() -> None:
 def test_a_seed_is_its_scenario_and_the_faults_that_fired() -> None:
     """What happened can be listed, and then happens again."""
     found = Free().run_of(5)
-    again = Free().play(5, found.scenario, Listed(found.fired))
+    again = Free().play(5, found.scenario, ListedFaults(found.fired))
     assert again == found
     assert found.fired
 
@@ -145,7 +148,7 @@ def test_a_hundred_seeds_hold() -> None:
 )
 def test_a_broken_keeper_is_found(bug: str) -> None:
     """Within few seeds of one rule."""
-    planted = Free(Asked(rule="random", clock="free"), PLANTED[bug])
+    planted = Free(ScenarioOptions(rule="random", clock="free"), PLANTED[bug])
     assert any(planted.run_of(seed).failure is not None for seed in range(60))
 
 
@@ -153,7 +156,7 @@ def test_a_broken_keeper_is_found(bug: str) -> None:
 @pytest.mark.timeout(1200)
 def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
     """Within some hundreds of seeds, of which the first hundred do not show it."""
-    planted = Free(Asked(rule="random", clock="free"), PLANTED["forgets fences"])
+    planted = Free(ScenarioOptions(rule="random", clock="free"), PLANTED["forgets fences"])
     assert any(planted.run_of(seed).failure is not None for seed in range(100, 600))
 
 
@@ -161,7 +164,7 @@ def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
 @pytest.mark.timeout(600)
 def test_a_keeper_that_locks_no_guards_is_found() -> None:
     """With a rule that has guards without need."""
-    asked = Asked("agv:graph=grid2x9,n=6", RESTLESS, clock="free")
+    asked = ScenarioOptions("agv:graph=grid2x9,n=6", RESTLESS, clock="free")
     planted = Free(asked, PLANTED["locks no guards"])
     assert any(planted.run_of(seed).failure is not None for seed in range(300))
 
@@ -171,14 +174,14 @@ def test_a_keeper_that_locks_no_guards_is_found() -> None:
 @pytest.mark.parametrize("system", ["agv:graph=grid2x9,n=6", "hex"])
 def test_registers_and_exchanges_hold(system: str) -> None:
     """With a rule that writes registers, heeds them and exchanges them at random."""
-    restless = Free(Asked(system, RESTLESS, clock="free"))
+    restless = Free(ScenarioOptions(system, RESTLESS, clock="free"))
     assert [restless.run_of(seed).failure for seed in range(6)] == [None] * 6
 
 
 @pytest.mark.thorough
 def test_a_broken_keeper_is_found_with_few_faults_left(tmp_path: Path) -> None:
     """What is left of a failing seed fails in the same way; its messages are drawn."""
-    planted = Free(Asked("hex", "random", clock="free"), PLANTED["counts no reads"])
+    planted = Free(ScenarioOptions("hex", "random", clock="free"), PLANTED["counts no reads"])
     seed = next(seed for seed in range(20) if planted.run_of(seed).failure is not None)
     folder = tmp_path / "new"
     (kept,) = simulate_seeds([seed], folder, Tally(planted))

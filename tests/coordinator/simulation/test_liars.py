@@ -8,13 +8,13 @@ from random import Random
 import msgspec
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
-from cubepath.coordinator.simulation.faults import LIES, SAYS, Drawn, Fault, Listed
-from cubepath.coordinator.simulation.scenarios import Asked, Scenario
-from cubepath.coordinator.simulation.simulated import LIE, Simulated, simulate
+from cubepath.coordinator.simulation.faults import LIES, SAYS, DrawnFaults, Fault, ListedFaults
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import Scenario, ScenarioOptions
+from cubepath.coordinator.simulation.simulated import LIE, SimulatedRun, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Here, Refused, Said, decode, encode
@@ -23,20 +23,20 @@ from cubepath.protocol.wire.nodes import Effect, Node, Put
 GRID = Scenario("agv:graph=grid12x3,n=6", "random", 3, 0.0, 6, 0)
 """Six vehicles in three processes, beside the border of two regions."""
 SAYING = f"process_1{SAYS}"
-LYING = Asked(liars=True)
+LYING = ScenarioOptions(liars=True)
 
 
-def lied(kind: str, least: int = 0) -> Simulated:
+def lied(kind: str, least: int = 0) -> SimulatedRun:
     """Return the first run in which process 1 lies in this way, and does so nowhere else."""
     for nth in range(least, 120):
-        found = simulate(GRID, Listed([Fault(SAYING, nth, kind)]))
+        found = simulate(GRID, ListedFaults([Fault(SAYING, nth, kind)]))
         assert found.failure is None, (nth, found.failure)
         if found.fired:
             return found
     raise AssertionError(f"no {kind}")
 
 
-def refused(found: Simulated) -> set[tuple[str, str]]:
+def refused(found: SimulatedRun) -> set[tuple[str, str]]:
     """Return who was refused, and why in a word."""
     messages = [decode(each.data) for each in found.recording.records if each.kind == "refused"]
     return {(each.who, each.reason) for each in messages if isinstance(each, Refused)}
@@ -88,7 +88,9 @@ def test_what_is_said_twice_changes_nothing(kind: str, reasons: set[str]) -> Non
     found = lied(kind)
     assert found.outcome == "max-rounds"
     assert refused(found) <= {("process_1", reason) for reason in reasons}
-    digests = {verify(each.recording).path_digest for each in (found, simulate(GRID, Listed([])))}
+    digests = {
+        verify(each.recording).path_digest for each in (found, simulate(GRID, ListedFaults([])))
+    }
     assert len(digests) == 1
 
 
@@ -116,7 +118,7 @@ def test_a_verdict_turned_round_is_told_of_who_said_it() -> None:
     for seed in range(40):
         run = Scenario("agv:graph=K6,n=4", "random", 4, 0.0, 6, seed)
         for nth in range(12):
-            found = simulate(run, Listed([Fault(SAYING, nth, "lie-verdict")]))
+            found = simulate(run, ListedFaults([Fault(SAYING, nth, "lie-verdict")]))
             assert found.failure is None
             if found.fired:
                 assert refused(found) == {("process_1", "impossible")}
@@ -134,7 +136,7 @@ class Forger(HostNode):
         if not isinstance(effect, Put):
             return effect
         message = decode(effect.data)
-        if not isinstance(message, Said) or self._orders.process:
+        if not isinstance(message, Said) or self._config.process:
             return effect
         parts = [Here(each.round, each.module, [11, 2]) for each in message.parts]
         return Put(effect.key, encode(msgspec.structs.replace(message, parts=parts)))
@@ -143,10 +145,10 @@ class Forger(HostNode):
 def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
     """The check that no honest process is refused can fail."""
 
-    def make(orders: Orders, scene: Scene) -> Node:
+    def make(orders: ProcessConfig, scene: Scene) -> Node:
         return Forger(orders, scene)
 
-    found = simulate(GRID, Listed([Fault(SAYING, 400, "lie-double")]), make=make)
+    found = simulate(GRID, ListedFaults([Fault(SAYING, 400, "lie-double")]), make=make)
     assert found.failure is not None
     assert found.failure.kind in ("accused", "ended")
 
@@ -157,7 +159,7 @@ def test_lies_are_listed_and_shown() -> None:
     first = Lockstep(LYING).run_of(4)
     assert any(fault.kind in LIES for fault in first.fired)
     trace = Trace()
-    again = simulate(first.scenario, Listed(first.fired), fault_seed=4, trace=trace)
+    again = simulate(first.scenario, ListedFaults(first.fired), fault_seed=4, trace=trace)
     assert again.recording.records == first.recording.records
     assert any(remark.text.startswith("lies: ") for remark in trace.remarks)
 
@@ -177,7 +179,7 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
     kinds, liars = set[str](), Counter[int]()
     names = [f"process_{number}" for number in range(4)]
     for seed in range(60):
-        faults = Drawn(Random(seed), "coordinator", names, 10**6, Random(seed))  # noqa: S311
+        faults = DrawnFaults(Random(seed), "coordinator", names, 10**6, Random(seed))  # noqa: S311
         liars[len(faults.liars)] += 1
         for name in names:
             found = (faults.on_saying(name + SAYS, nth, LIES) for nth in range(100))

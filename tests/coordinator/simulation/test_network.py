@@ -10,12 +10,12 @@ from cubepath.coordinator.simulation.faults import (
     KINDS,
     ROUTER,
     SECOND_US,
-    Drawn,
+    DrawnFaults,
     Fault,
     Faults,
-    Listed,
+    ListedFaults,
 )
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
 from exploration.counting import PATIENCE_US, RUN, Counter, counted
@@ -24,7 +24,9 @@ from exploration.counting import PATIENCE_US, RUN, Counter, counted
 class Talker:
     """Does what it is told at its start, and keeps what it receives, with the time."""
 
-    def __init__(self, network: list[Network], *effects: Effect, ends: bytes | None = None) -> None:
+    def __init__(
+        self, network: list[SimulatedNetwork], *effects: Effect, ends: bytes | None = None
+    ) -> None:
         self.received: list[tuple[int, bytes]] = []
         self._network = network
         self._effects = list(effects)
@@ -45,8 +47,8 @@ def talked(
     faults: Faults, *effects: Effect, keys: tuple[str, ...], for_s: float = 9
 ) -> list[bytes]:
     """Return what one process hears of another that does as it is told a second after the start."""
-    box: list[Network] = []
-    network = Network(faults, 0)
+    box: list[SimulatedNetwork] = []
+    network = SimulatedNetwork(faults, 0)
     box.append(network)
 
     class Late(Talker):
@@ -66,7 +68,7 @@ def talked(
 def test_who_listens_receives() -> None:
     """A put reaches who listens to its key or to all below it, once; nobody else."""
     puts = [Put("a/b", b"1"), Put("a/c", b"2"), Put("b/a", b"3")]
-    nothing = Listed(())
+    nothing = ListedFaults(())
     assert talked(nothing, *puts, keys=("a/b",)) == [b"1"]
     assert talked(nothing, *puts, keys=("a/**",)) == [b"1", b"2"]
     assert talked(nothing, *puts, keys=("a/b", "a/**")) == [b"1", b"2"]
@@ -75,8 +77,8 @@ def test_who_listens_receives() -> None:
 
 def test_who_puts_does_not_receive() -> None:
     """A node that listens to a key does not receive what it puts there itself."""
-    box: list[Network] = []
-    network = Network(Listed(()), 0)
+    box: list[SimulatedNetwork] = []
+    network = SimulatedNetwork(ListedFaults(()), 0)
     box.append(network)
     own = Talker(box, Listen(("a",)), Put("a", b"1"), Timer(1))
     network.add("coordinator", lambda: own)
@@ -86,8 +88,8 @@ def test_who_puts_does_not_receive() -> None:
 
 def test_listening_takes_effect_when_the_router_hears_of_it() -> None:
     """What is put before the router knows a listener is not delivered; nor after it ignores."""
-    box: list[Network] = []
-    network = Network(Listed(()), 0)
+    box: list[SimulatedNetwork] = []
+    network = SimulatedNetwork(ListedFaults(()), 0)
     box.append(network)
     ear = Talker(box, Listen(("a",)), Timer(1))
     mouth = Talker(box, Put("a", b"1"))
@@ -109,7 +111,7 @@ def test_listening_takes_effect_when_the_router_hears_of_it() -> None:
 def test_a_wildcard_in_the_middle_is_refused() -> None:
     """Nodes listen to keys, and to all keys below one; no other expression is simulated."""
     with pytest.raises(NodeError, match=r"process_0 listens to a/\*/b"):
-        talked(Listed(()), Listen(("a/*/b",)), keys=("a",))
+        talked(ListedFaults(()), Listen(("a/*/b",)), keys=("a",))
 
 
 def test_a_timer_ticks_once_and_the_last_one_counts() -> None:
@@ -120,8 +122,8 @@ def test_a_timer_ticks_once_and_the_last_one_counts() -> None:
             self.received.append((self._network[0].now_us, b""))
             return [Timer(3)] if len(self.received) == 1 else [End()]
 
-    box: list[Network] = []
-    network = Network(Listed(()), 0)
+    box: list[SimulatedNetwork] = []
+    network = SimulatedNetwork(ListedFaults(()), 0)
     box.append(network)
     clock = Clock(box, Timer(1), Timer(2))
     network.add("coordinator", lambda: clock)
@@ -134,17 +136,17 @@ def test_a_timer_ticks_once_and_the_last_one_counts() -> None:
 
 def test_without_faults_everything_arrives_in_order() -> None:
     """Each worker counts each number once, and nothing is lost or put twice."""
-    network, counter, workers, trace = counted(Listed(()))
+    network, counter, workers, trace = counted(ListedFaults(()))
     assert [worker.counted for worker in workers] == [20] * 3
     assert len(counter.heard) == 60
     assert {arrow.fate for arrow in trace.arrows} == {"arrived"}
     assert not network.counts
 
 
-def faults_of(seed: int) -> Drawn:
+def faults_of(seed: int) -> DrawnFaults:
     """Return random faults for a run of three workers."""
     names = [f"process_{number}" for number in range(3)]
-    return Drawn(Random(seed), "coordinator", names, PATIENCE_US)  # noqa: S311 - not for secrets
+    return DrawnFaults(Random(seed), "coordinator", names, PATIENCE_US)  # noqa: S311 - not for secrets
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -152,14 +154,14 @@ def test_the_same_seed_gives_the_same_trace(seed: int) -> None:
     """Every arrow, fault and moment is the same, drawn again or from the list of what happened."""
     network, _, _, trace = counted(faults_of(seed), seed=seed)
     again = counted(faults_of(seed), seed=seed)
-    listed = counted(Listed(network.fired), seed=seed)
+    listed = counted(ListedFaults(network.fired), seed=seed)
     assert again[3] == trace == listed[3]
     assert again[0].fired == network.fired == listed[0].fired
 
 
 def test_other_seeds_give_other_traces() -> None:
     """Without any fault two seeds differ in the small delays."""
-    assert counted(Listed(()), seed=1)[3] != counted(Listed(()), seed=2)[3]
+    assert counted(ListedFaults(()), seed=1)[3] != counted(ListedFaults(()), seed=2)[3]
 
 
 @pytest.mark.slow
@@ -179,9 +181,9 @@ def test_each_kind_of_fault_happens_and_the_rest_is_tolerated() -> None:
     assert all(fired.values()), fired
 
 
-def one(kind: str, where: str, nth: int, amount_us: int = 0) -> Listed:
+def one(kind: str, where: str, nth: int, amount_us: int = 0) -> ListedFaults:
     """Return a single fault."""
-    return Listed([Fault(where, nth, kind, amount_us)])
+    return ListedFaults([Fault(where, nth, kind, amount_us)])
 
 
 def test_a_lost_message_is_put_again_by_the_protocol() -> None:
@@ -211,7 +213,7 @@ def test_a_delay_holds_back_what_comes_behind() -> None:
 @pytest.mark.parametrize("who", ["coordinator", "process_2"])
 def test_a_pause_takes_its_time_and_loses_nothing(who: str) -> None:
     """Who pauses takes all that has come meanwhile, and the run ends later by the pause."""
-    plain, *_ = counted(Listed(()))
+    plain, *_ = counted(ListedFaults(()))
     network, _, workers, trace = counted(one("pause", who, 3, 7 * SECOND_US))
     assert 6.99 * SECOND_US < network.now_us - plain.now_us < 8 * SECOND_US
     assert [worker.counted for worker in workers] == [20] * 3
@@ -220,7 +222,7 @@ def test_a_pause_takes_its_time_and_loses_nothing(who: str) -> None:
 
 def test_a_slow_receiver_takes_longer_for_some_messages() -> None:
     """Twenty messages take their time each."""
-    plain, *_ = counted(Listed(()))
+    plain, *_ = counted(ListedFaults(()))
     network, *_ = counted(one("slow", "process_0", 0, 50_000))
     assert 0.8 * SECOND_US < network.now_us - plain.now_us < 1.1 * SECOND_US
 
@@ -261,9 +263,9 @@ def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
         def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
             raise CheckError("that is too much")
 
-    def against(node: type[Talker]) -> Network:
-        box: list[Network] = []
-        network = Network(Listed(()), 0)
+    def against(node: type[Talker]) -> SimulatedNetwork:
+        box: list[SimulatedNetwork] = []
+        network = SimulatedNetwork(ListedFaults(()), 0)
         box.append(network)
         counter = Counter(1, 3)
         network.add("coordinator", lambda: counter)
@@ -279,21 +281,21 @@ def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
 
 def test_a_run_without_end_is_stopped() -> None:
     """Neither time nor steps run away, and a run where nothing happens any more is no end."""
-    box: list[Network] = []
+    box: list[SimulatedNetwork] = []
 
     class Endless(Talker):
         def tick(self) -> list[Effect]:
             return [Timer(1)]
 
-    def of(node: Node) -> Network:
-        network = Network(Listed(()), 0)
+    def of(node: Node) -> SimulatedNetwork:
+        network = SimulatedNetwork(ListedFaults(()), 0)
         box[:] = [network]
         network.add("coordinator", lambda: node)
         return network
 
-    with pytest.raises(RanAway, match="no end after 101 steps"):
+    with pytest.raises(EndlessRun, match="no end after 101 steps"):
         of(Endless(box, Timer(1))).run(100, 1000 * SECOND_US)
-    with pytest.raises(RanAway, match=r"no end after 1[0-9] steps"):
+    with pytest.raises(EndlessRun, match=r"no end after 1[0-9] steps"):
         of(Endless(box, Timer(1))).run(1000, 10 * SECOND_US)
-    with pytest.raises(RanAway, match="nothing more happens"):
+    with pytest.raises(EndlessRun, match="nothing more happens"):
         of(Endless(box)).run(100, SECOND_US)

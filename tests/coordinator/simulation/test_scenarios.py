@@ -9,7 +9,7 @@ import pytest
 from cubepath.agents.rules.registry import BUILT_IN, fitting_rules
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,
-    Asked,
+    ScenarioOptions,
     built,
     check,
     scenario_of,
@@ -53,30 +53,36 @@ def test_a_rule_that_refuses_the_scene_is_not_drawn(clock: str) -> None:
 def test_the_same_seed_is_the_same_run() -> None:
     """Whatever was asked for before."""
     first = scenario_of(17)
-    scenario_of(18, Asked("hex"))
+    scenario_of(18, ScenarioOptions("hex"))
     assert scenario_of(17) == first
 
 
 def test_what_is_asked_for_holds_for_all_seeds() -> None:
     """A family, a whole spec, a rule, a number of modules; the rest is drawn."""
     for seed in range(12):
-        assert scenario_of(seed, Asked("hex")).system.startswith("hex:n=")
-        assert scenario_of(seed, Asked("agv:graph=K5,n=3")).system == "agv:graph=K5,n=3"
-        assert scenario_of(seed, Asked(rule="tswap")).system.startswith("agv:")
-        assert len(scenario_of(seed, Asked("arm", modules=7)).scene.start) == 7
+        assert scenario_of(seed, ScenarioOptions("hex")).system.startswith("hex:n=")
+        assert scenario_of(seed, ScenarioOptions("agv:graph=K5,n=3")).system == "agv:graph=K5,n=3"
+        assert scenario_of(seed, ScenarioOptions(rule="tswap")).system.startswith("agv:")
+        assert len(scenario_of(seed, ScenarioOptions("arm", modules=7)).scene.start) == 7
 
 
 @pytest.mark.parametrize(
     ("asked", "why"),
     [
-        (Asked("hex-connected"), "hex-connected"),
-        (Asked("nonesuch"), "nonesuch"),
-        (Asked("hex", rule="tswap"), "not for this system: rule 'tswap'"),
-        (Asked(rule="nonesuch"), "unknown rule 'nonesuch', expected one of random, chain"),
-        (Asked("hex:n=3", modules=4), "--modules 4 with --system hex:n=3: expected one of hex"),
+        (ScenarioOptions("hex-connected"), "hex-connected"),
+        (ScenarioOptions("nonesuch"), "nonesuch"),
+        (ScenarioOptions("hex", rule="tswap"), "not for this system: rule 'tswap'"),
+        (
+            ScenarioOptions(rule="nonesuch"),
+            "unknown rule 'nonesuch', expected one of random, chain",
+        ),
+        (
+            ScenarioOptions("hex:n=3", modules=4),
+            "--modules 4 with --system hex:n=3: expected one of hex",
+        ),
     ],
 )
-def test_what_cannot_be_simulated_is_refused(asked: Asked, why: str) -> None:
+def test_what_cannot_be_simulated_is_refused(asked: ScenarioOptions, why: str) -> None:
     """Before the first seed, with what was found."""
     with pytest.raises(InputError, match=why):
         check(asked)
@@ -84,7 +90,7 @@ def test_what_cannot_be_simulated_is_refused(asked: Asked, why: str) -> None:
 
 def test_smaller_scenarios_have_fewer_modules_or_processes() -> None:
     """None is as large as the scenario itself, and the smallest come first."""
-    scenario = scenario_of(5, Asked("hex:n=5"))
+    scenario = scenario_of(5, ScenarioOptions("hex:n=5"))
     sizes = [(len(each.scene.start), each.processes) for each in scenario.smaller()]
     assert sizes
     assert all(size < (5, scenario.processes) for size in sizes)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cubepath.coordinator.simulation.faults import Fault, Listed
+from cubepath.coordinator.simulation.faults import Fault, ListedFaults
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.sequence import ARROWS_MAX, sequence_picture
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import InputError
 from exploration.counting import counted
 
@@ -34,7 +34,7 @@ def drawn(path: Path, trace: Trace) -> str:
 
 def crowded() -> Trace:
     """Return what happens under one fault of each kind that can be seen."""
-    network, _, _, trace = counted(Listed(FAULTS), upto=7)
+    network, _, _, trace = counted(ListedFaults(FAULTS), upto=7)
     assert sorted(network.counts) == sorted({fault.kind for fault in FAULTS})
     return trace
 
@@ -66,7 +66,7 @@ def test_a_picture_is_the_same_each_time_and_a_png_as_well(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_of_a_long_run_the_end_is_shown(tmp_path: Path) -> None:
     """The first messages are left out, and how many they are is said."""
-    _, _, _, trace = counted(Listed(()), upto=100)
+    _, _, _, trace = counted(ListedFaults(()), upto=100)
     left_out = len(trace.arrows) - ARROWS_MAX
     assert left_out > 0
     text = drawn(tmp_path / "a.svg", trace)

@@ -8,15 +8,15 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
+from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, ListedFaults
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simulate
+from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
@@ -28,9 +28,9 @@ HEX = Scenario("hex:n=4", "chain", 3, 0.0, 1000, 7)
 GRID = Scenario("agv-labelled:graph=grid3x3,n=4", "pibt", 4, 0.25, 1000, 3)
 
 
-def played(scenario: Scenario, *faults: Fault) -> Simulated:
+def played(scenario: Scenario, *faults: Fault) -> SimulatedRun:
     """Return a run with these faults, which holds."""
-    found = simulate(scenario, Listed(faults))
+    found = simulate(scenario, ListedFaults(faults))
     assert found.failure is None
     assert found.fired == faults
     return found
@@ -82,7 +82,7 @@ def test_each_fault_is_tolerated(fault: Fault) -> None:
 
 def test_all_of_them_together_are_tolerated() -> None:
     """The faults of one run do not add up to one that ends it."""
-    assert simulate(HEX, Listed(TOLERATED)).outcome == "goal"
+    assert simulate(HEX, ListedFaults(TOLERATED)).outcome == "goal"
 
 
 @pytest.mark.parametrize("nth", [0, 1, 6, 15])
@@ -113,7 +113,7 @@ def test_the_same_seed_gives_the_same_trace_and_recording(seed: int) -> None:
     assert first.recording.records == again.recording.records
     traces = [Trace(), Trace()]
     for trace in traces:
-        listed = simulate(first.scenario, Listed(first.fired), fault_seed=seed, trace=trace)
+        listed = simulate(first.scenario, ListedFaults(first.fired), fault_seed=seed, trace=trace)
         assert listed.recording.records == first.recording.records
     assert traces[0] == traces[1]
 
@@ -159,7 +159,7 @@ def test_a_planted_bug_shows_only_where_it_matters(
     make: MakeNode, faults: tuple[Fault, ...], kind: str | None
 ) -> None:
     """Without its fault a bug does no harm; one that ends every run is told."""
-    found = simulate(HEX, Listed(faults), make=make)
+    found = simulate(HEX, ListedFaults(faults), make=make)
     assert (found.failure and found.failure.kind) == kind
 
 
@@ -167,14 +167,14 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
     """What comes after a difference says nothing more; the recording can be read up to there."""
     other = replace(HEX, seed=8, hesitate=0.5)
 
-    def make(orders: Orders, scene: Scene) -> Node:
+    def make(orders: ProcessConfig, scene: Scene) -> Node:
         return HostNode(msgspec.structs.replace(orders, seed=9), scene)
 
-    found = simulate(other, Listed(()), make=make)
+    found = simulate(other, ListedFaults(()), make=make)
     assert found.failure is not None
     assert found.failure.kind == "path"
     assert found.failure.detail.startswith(f"round {found.rounds} has the moves ")
-    assert found.rounds < simulate(other, Listed(())).rounds
+    assert found.rounds < simulate(other, ListedFaults(())).rounds
     assert found.recording.records[-1].kind == "summary"
 
 
@@ -196,6 +196,6 @@ def test_a_planted_bug_is_found(make: MakeNode, kinds: set[str]) -> None:
 
 def test_a_run_that_begins_at_its_goal_is_over() -> None:
     """Nothing is started, and the recording holds."""
-    found = simulate(replace(HEX, system="hex:n=1"), Listed(()))
+    found = simulate(replace(HEX, system="hex:n=1"), ListedFaults(()))
     assert (found.failure, found.rounds, found.outcome) == (None, 0, "goal")
     assert found.steps == 0

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.simulation.faults import FREE_KINDS, KINDS, Listed
-from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked
+from cubepath.coordinator.simulation.faults import FREE_KINDS, KINDS, ListedFaults
+from cubepath.coordinator.simulation.scenarios import ANYTHING, ScenarioOptions
 from cubepath.coordinator.simulation.simulated import simulate
 from cubepath.coordinator.simulation.swarm import (
     FREE_OUTCOMES,
     OUTCOMES,
     WITHOUT_ROUNDS,
-    Kept,
+    KeptRun,
     Lockstep,
     Tally,
     command_of,
@@ -29,18 +29,18 @@ from cubepath.protocol.wire.messages import Claim, Go, Here, Ready, Reports, Sai
 from exploration.planted import Raises, TakesDoubles
 from processes.command_line import cubepath
 
-LINES = Asked("hex", "chain")
+LINES = ScenarioOptions("hex", "chain")
 
 
 @cache
-def first_failing(make: type[TakesDoubles | Raises], asked: Asked = LINES) -> int:
+def first_failing(make: type[TakesDoubles | Raises], asked: ScenarioOptions = LINES) -> int:
     """Return the first seed that fails with a planted bug."""
     planted = Lockstep(asked, make)
     return next(seed for seed in range(100) if planted.run_of(seed).failure is not None)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Kept, Tally, list[int]]:
+def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[KeptRun, Tally, list[int]]:
     """Return what is kept of a planted bug, what was counted, and the seeds that were shrunk."""
     tally, shrinking = Tally(Lockstep(LINES, TakesDoubles)), list[int]()
     (found,) = simulate_seeds(
@@ -54,7 +54,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Kept, Tally, list[in
 
 
 @pytest.mark.slow
-def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[Kept, Tally, list[int]]) -> None:
+def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[KeptRun, Tally, list[int]]) -> None:
     """What is kept fails as the seed did, with two processes, one fault and few rounds."""
     kept, tally, shrinking = told
     seed = first_failing(TakesDoubles)
@@ -73,7 +73,7 @@ def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[Kept, Tally, list[in
 
 
 @pytest.mark.thorough
-def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None:
+def test_what_is_kept_can_be_opened(told: tuple[KeptRun, Tally, list[int]]) -> None:
     """By verify, info, view and replay; the pictures show the messages, and view leaves them."""
     kept, _, _ = told
     log = Path(kept.log)
@@ -105,7 +105,7 @@ def test_shrinking_fails_in_the_same_way() -> None:
     assert "raised KeyError" in left.failure.detail
     assert len(left.fired) < len(found.fired) / 2
     assert len(left.scenario.scene.start) <= len(found.scenario.scene.start)
-    again = simulate(left.scenario, Listed(left.fired), fault_seed=seed, make=Raises)
+    again = simulate(left.scenario, ListedFaults(left.fired), fault_seed=seed, make=Raises)
     assert again.failure == left.failure
 
 
@@ -133,7 +133,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     [(ANYTHING, KINDS, OUTCOMES), (WITHOUT_ROUNDS, FREE_KINDS, FREE_OUTCOMES)],
 )
 def test_the_tally_counts_every_kind(
-    tmp_path: Path, asked: Asked, kinds: tuple[str, ...], outcomes: tuple[str, ...]
+    tmp_path: Path, asked: ScenarioOptions, kinds: tuple[str, ...], outcomes: tuple[str, ...]
 ) -> None:
     """Also those that did not come to pass; numbers of runs add up."""
     simulator = simulator_of(asked)
@@ -155,7 +155,7 @@ def test_the_command_replays_the_seed_alone() -> None:
     assert command_of(7, ANYTHING) == "cubepath simulate --seeds 7..7"
     command = "cubepath simulate --seeds 7..7 --clock free"
     assert command_of(7, WITHOUT_ROUNDS) == command
-    asked = Asked("my scene.toml", "random", None)
+    asked = ScenarioOptions("my scene.toml", "random", None)
     command = "cubepath simulate --seeds 7..7 --system 'my scene.toml' --rule random"
     assert command_of(7, asked) == command
 

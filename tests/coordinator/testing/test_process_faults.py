@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.testing.fixtures import RunFixture
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.errors import InputError
@@ -82,7 +82,7 @@ def test_a_message_is_heard_though_another_listener_raised(cubepath_run: RunFixt
     assert len(rig.heard) == 3
 
 
-def heard(rig: RunUnderTest) -> list[Overheard]:
+def heard(rig: RunUnderTest) -> list[TappedMessage]:
     """Return what is heard of a round."""
     tap = rig.run.tap()
     rig.step()

@@ -7,8 +7,8 @@ from collections import Counter
 
 import pytest
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.testing.fixtures import ReplayFixture
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import replay_into
@@ -59,7 +59,7 @@ def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
     """A process that hears all that was said on record says and reports the same again."""
     recording = recorded("hex:n=4", "chain", processes=2, rounds=5)
     log = RunLog(recording)
-    orders = Orders(
+    orders = ProcessConfig(
         endpoint="",
         run="replayed",
         process=0,

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.coordinator.verification.choices import Moment, Observing
 from cubepath.coordinator.verification.rounds import NOTE_MAX, NOTE_MIN, is_note
-from cubepath.coordinator.verification.transcript import Round
+from cubepath.coordinator.verification.transcript import RecordedRound
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Note
@@ -41,7 +41,7 @@ def test_what_is_derived_is_what_modules_observe(spec: str, data: st.DataObject)
     length = data.draw(st.integers(0, 3))
     numbers = st.lists(st.integers(NOTE_MIN, NOTE_MAX), min_size=length, max_size=length)
     notes: dict[Site, tuple[int, ...]] = {}
-    said = Round()
+    said = RecordedRound()
     for module, site in enumerate(sites):
         if length and data.draw(st.booleans()):
             note = data.draw(numbers)

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from samples.recordings import recorded, with_records

@@ -11,7 +11,8 @@ from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.partial import hole_in
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from processes.command_line import GOLDEN
 from tampering.wrecks import taken_apart

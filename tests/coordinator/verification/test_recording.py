@@ -20,7 +20,9 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification import rounds as rederive
 from cubepath.coordinator.verification.findings import Verification
-from cubepath.coordinator.verification.recording import CHECKS, recover, verify
+from cubepath.coordinator.verification.lockstep import CHECKS
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError

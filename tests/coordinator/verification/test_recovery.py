@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.remains import remains_of

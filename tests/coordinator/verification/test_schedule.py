@@ -9,8 +9,8 @@ from math import inf
 import pytest
 from msgspec.structs import replace
 
+from cubepath.coordinator.verification.ending import check_schedule
 from cubepath.coordinator.verification.recording import verify
-from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.transcript import Sorting, Transcript
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl

@@ -1,6 +1,8 @@
 """Systems and scenes: neighbourhoods follow from the catalogue; what cannot be is refused."""
 
 import pickle
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +11,9 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.scenes import families
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.families.own import OWN_FAMILIES, OWN_KINDS
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
@@ -330,3 +334,14 @@ def test_named_graphs_have_their_sizes() -> None:
     for name, (vertices, edges) in sizes.items():
         graph = graph_from_name(name)
         assert (len(graph.vertices), len(graph.edges)) == (vertices, edges)
+
+
+def test_families_are_found_by_the_names_that_they_have() -> None:
+    """Those of the project are loaded by name: each has that name, and a class by its table."""
+    for name, family in OWN_FAMILIES.items():
+        assert family.name == name
+        assert OWN_KINDS[family.system.table] is family.system
+    folder = Path(str(families.__file__)).parent
+    modules = (import_module(f"{families.__name__}.{each.stem}") for each in folder.glob("*.py"))
+    named = {each.name for found in modules for each in getattr(found, "FAMILIES", ())}
+    assert named == OWN_FAMILIES.keys()

@@ -12,8 +12,8 @@ import numpy as np
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.local.observation import STAY, Note, Observation, is_legal
-from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.processes.orders import OUTSIDE
+from cubepath.agents.processes.config import OUTSIDE
+from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
@@ -42,12 +42,12 @@ class WireWorld:
         self._reports: dict[int, Report] = {}
         self._processes = processes
         self._whole = False
-        self._fleet: Fleet | None = None
+        self._fleet: LockstepFleet | None = None
         self._start(seed)
         self._begin()
 
     def _start(self, seed: int) -> None:
-        self._fleet = Fleet(
+        self._fleet = LockstepFleet(
             self.scene,
             OUTSIDE,
             seed=seed,
@@ -81,7 +81,7 @@ class WireWorld:
             case _:
                 pass
 
-    def _running(self) -> Fleet:
+    def _running(self) -> LockstepFleet:
         if self._fleet is None:
             raise InputError("the environment is closed: make another")
         return self._fleet

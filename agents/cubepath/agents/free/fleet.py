@@ -8,37 +8,33 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal, Self, TypeAlias
+from typing import IO
 
 import msgspec
 
-from cubepath.agents.free.mover import FreeOrders, OwnMove
-from cubepath.agents.keepers.node import KeeperOrders
+from cubepath.agents.free.config import FreeProcessConfig, OnCrash, OwnMove
+from cubepath.agents.keepers.config import KeeperConfig
+from cubepath.agents.processes.child_processes import EndedProcess
 from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Way, straight
-from cubepath.agents.processes.offspring import Ended, Offspring
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.output_files import unwritable, written_whole
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import (
-    COORDINATOR,
-    Credentials,
     keeper_name,
     process_name,
 )
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 
-OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
-ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
 """So long processes may take to end that were told to; killed they lose nothing either."""
@@ -57,8 +53,8 @@ class Crash:
     restarted: bool
 
 
-class FreeFleet:
-    """The processes of one run, as a context manager that leaves nothing running."""
+class FreeFleet(ProcessFleet):
+    """The processes of a run without rounds: keepers, and the modules that come with `begin`."""
 
     def __init__(
         self,
@@ -89,21 +85,15 @@ class FreeFleet:
                 raise InputError(f"{name}={number}: expected 1 or more")
         if schedule is None:
             rule_named(rule, scene.system, "free")
-        self.scene = scene
-        self.run = uuid.uuid4().hex[:12]
+        super().__init__(scene, rule, seed=seed, hesitate=hesitate, way=way)
         self.keepers = keepers
         self.modules_of = dealt(scene, min(processes, len(scene.start)))
         self.on_crash = on_crash
-        self.endpoint = ""
-        self._rule = rule
-        self._seed = seed
-        self._hesitate = hesitate
         self._speeds = dict(speeds or {})
         self._jitter = jitter
         self._schedule = schedule
         self._logs = logs
         self._lock = lock
-        self._way = way
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
         births = next_births(logs, self.run)
@@ -112,30 +102,15 @@ class FreeFleet:
         self._births_of_keepers = dict.fromkeys(range(keepers), births.birth)
         self._known = known
         self._restarts = 0
-        self._router: Router | None = None
-        self._offspring = Offspring()
-
-    def __enter__(self) -> Self:
-        """Start the router and the keepers; modules come with `begin`."""
-        try:
-            self._start()
-        except BaseException:
-            self._end()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait for processes that were told to stop, kill those that do not, and clean up."""
-        self._end()
 
     def _start(self) -> None:
         if self._logs is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="cubepath-keepers-"))
+            folder = self._folder = Path(tempfile.mkdtemp(prefix="cubepath-keepers-"))
+            self._resources.callback(shutil.rmtree, folder, ignore_errors=True)
         else:
             self._folder = self._logs
             self._folder.mkdir(parents=True, exist_ok=True)
-        router = self._router = Router(processes=len(self.modules_of), keepers=self.keepers)
-        self.endpoint = router.endpoint
+        self._open_router(Router(processes=len(self.modules_of), keepers=self.keepers))
         for keeper in range(self.keepers):
             self._keep(keeper)
 
@@ -149,21 +124,15 @@ class FreeFleet:
         return {
             process
             for process in range(len(self.modules_of))
-            if process_name(process) in self._offspring.by_name
+            if process_name(process) in self._children.by_name
         }
-
-    def credentials(self, name: str = COORDINATOR) -> Credentials:
-        """Return by what the one of this name shows who speaks."""
-        if self._router is None:
-            raise CubepathError("the fleet has ended: start another")
-        return self._router.credentials(name)
 
     def _keep(self, keeper: int) -> None:
         name = keeper_name(keeper)
+        endpoint, credentials = self._access(name)
         if self._folder is None:
-            raise CubepathError("the fleet has ended: start another")
-        endpoint, credentials = self._way(name, self.endpoint, self.credentials(name))
-        orders = KeeperOrders(
+            raise AssertionError("no folder for logs")  # it is there before the router is
+        config = KeeperConfig(
             endpoint=endpoint,
             run=self.run,
             keeper=keeper,
@@ -177,13 +146,13 @@ class FreeFleet:
             tell_reads=self._schedule is not None,
             credentials=credentials,
         )
-        self._offspring.spawn(name, _KEEPER, orders, self._lock)
+        self._children.spawn(name, _KEEPER, config, self._lock)
 
     def _host(self, process: int) -> None:
         name, modules = process_name(process), self.modules_of[process]
         schedule = self._schedule
-        endpoint, credentials = self._way(name, self.endpoint, self.credentials(name))
-        orders = FreeOrders(
+        endpoint, credentials = self._access(name)
+        config = FreeProcessConfig(
             endpoint=endpoint,
             run=self.run,
             process=process,
@@ -201,7 +170,7 @@ class FreeFleet:
             else {module: list(schedule.get(module, ())) for module in modules},
             credentials=credentials,
         )
-        self._offspring.spawn(name, _HOST, orders)
+        self._children.spawn(name, _HOST, config)
 
     def look(self) -> list[Crash]:
         """Look after the processes; return those that have died since this was last called.
@@ -212,18 +181,18 @@ class FreeFleet:
         found = []
         if router is not None and router.look_after():
             found.append(Crash("router", "died", restarted=True))
-        found += map(self._crashed, self._offspring.ended())
+        found += map(self._crashed, self._children.ended())
         self._restarts += sum(crash.restarted for crash in found)
         if self._restarts > _RESTARTS_MAX:
             raise ProcessDied(f"processes died {self._restarts} times, {found[-1].name} the last")
         return found
 
-    def _crashed(self, ended: Ended) -> Crash:
-        if ended.told:  # it would end so again
-            raise ProcessDied(ended.last)
+    def _crashed(self, ended: EndedProcess) -> Crash:
+        if ended.error is not None:  # it would end so again
+            raise ProcessDied(ended.error)
         if self.on_crash == "stop":
             raise ProcessDied(f"{ended.name} has ended: {ended.how}")
-        self._offspring.forget(ended.name)
+        self._children.forget(ended.name)
         if self.on_crash == "restart":
             self.start_again(ended.name)
         return Crash(ended.name, ended.how, restarted=self.on_crash == "restart")
@@ -239,7 +208,7 @@ class FreeFleet:
             near = did_you_mean(name, hosts | keepers)
             known = ", ".join((*hosts, *keepers))
             raise InputError(f"{name}: cannot be started again{near}, expected one of {known}")
-        if self._offspring.lives(name):
+        if self._children.lives(name):
             raise InputError(f"{name}: lives, expected a process that has died")
         if name in keepers:
             self._births_of_keepers[keepers[name]] += 1
@@ -250,28 +219,14 @@ class FreeFleet:
 
     def leave(self, process: int) -> None:
         """End a module process for good, without a crash: its modules stay where they are."""
-        self._offspring.kill(process_name(process))
+        self._children.kill(process_name(process))
 
     @property
-    def pids(self) -> dict[str, int]:
-        """Return the process ids by name: keeper_K, process_N and router."""
-        found = {name: child.pid for name, child in self._offspring.by_name.items()}
-        if self._router is not None:
-            found["router"] = self._router.pid
-        return found
-
-    def _end(self) -> None:
-        try:
-            self._offspring.end(_END_S_MAX)
-        finally:
-            if self._router is not None:
-                self._router.close()
-                self._router = None
-            if self._logs is None and self._folder is not None:
-                shutil.rmtree(self._folder, ignore_errors=True)
+    def _end_s(self) -> float:
+        return _END_S_MAX
 
 
-class Births(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LogsInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a folder of logs says of itself: the run that began it, and its last first birth."""
 
     run: str
@@ -283,14 +238,14 @@ def log_of(logs: Path, keeper: int) -> Path:
     return logs / f"{keeper_name(keeper)}.log"
 
 
-def read_births(logs: Path) -> Births | None:
+def read_births(logs: Path) -> LogsInfo | None:
     """Return what a folder of logs says of itself, None if it has no logs yet.
 
     InputError if it has logs and does not say it.
     """
     path = logs / BIRTHS
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Births)
+        return msgspec.json.decode(path.read_bytes(), type=LogsInfo)
     except FileNotFoundError:
         if next(logs.glob("keeper_*.log"), None) is None:
             return None
@@ -302,16 +257,16 @@ def read_births(logs: Path) -> Births | None:
     raise InputError(f"{path}: {found}, expected the run and the birth of the logs beside it")
 
 
-def next_births(logs: Path | None, run: str) -> Births:
+def next_births(logs: Path | None, run: str) -> LogsInfo:
     """Return which run began these logs, and a first birth for all processes: later than before.
 
     It is in the folder when this returns, so it is not given again.
     """
-    first = Births(run, 1)
+    first = LogsInfo(run, 1)
     if logs is None:
         return first
     before = read_births(logs)
-    births = first if before is None else Births(before.run, before.birth + BIRTHS_OF_A_FLEET)
+    births = first if before is None else LogsInfo(before.run, before.birth + BIRTHS_OF_A_FLEET)
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:

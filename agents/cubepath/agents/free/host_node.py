@@ -6,7 +6,8 @@ which comes a while after it was asked for; that is enough to ask again.
 
 from __future__ import annotations
 
-from cubepath.agents.free.mover import Ask, FreeOrders, Mover, paces
+from cubepath.agents.free.config import HALT_S, FreeProcessConfig
+from cubepath.agents.free.mover import Ask, Mover, paces
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled
@@ -38,8 +39,6 @@ from cubepath.protocol.wire.sayings import Sayings
 from cubepath.protocol.wire.tiles import Tiles
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
-HALT_S = 5.0
-"""How long modules halt that were told to, unless they are told again."""
 _SWEEP_S = 1.0
 """How often tiles that nobody needs are looked for."""
 
@@ -47,16 +46,16 @@ _SWEEP_S = 1.0
 class FreeHostNode(Node):
     """The modules of one process."""
 
-    def __init__(self, orders: FreeOrders, scene: Scene | None = None) -> None:
+    def __init__(self, config: FreeProcessConfig, scene: Scene | None = None) -> None:
         """Read the scene and the rule; InputError if there is no such rule for it."""
-        self._orders = orders
-        self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
-        self._tiles = Tiles(self._scene.system, orders.keepers)
-        schedule = orders.schedule
+        self._config = config
+        self._scene = scene_from_toml(config.scene, "the configuration") if scene is None else scene
+        self._tiles = Tiles(self._scene.system, config.keepers)
+        schedule = config.schedule
         rule = (
             scheduled({})
             if schedule is not None
-            else rule_named(orders.rule, self._scene.system, "free")
+            else rule_named(config.rule, self._scene.system, "free")
         )
         self.movers = {
             module: Mover(
@@ -64,18 +63,18 @@ class FreeHostNode(Node):
                 self._tiles,
                 rule,
                 module,
-                birth=orders.birth,
-                seed=orders.seed,
-                hesitate=orders.hesitate,
-                pace=paces(orders.speeds, orders.jitter, module),
+                birth=config.birth,
+                seed=config.seed,
+                hesitate=config.hesitate,
+                pace=paces(config.speeds, config.jitter, module),
                 own=None if schedule is None else schedule.get(module, []),
             )
-            for module in orders.modules
+            for module in config.modules
         }
         self.sensing = Sensing(self._scene.system, self._tiles)
         self.refused = 0
         """Messages that were none, or not for this process."""
-        self._sayings = Sayings(orders.run, orders.birth)
+        self._sayings = Sayings(config.run, config.birth)
         self._now_s = 0.0
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
@@ -90,16 +89,16 @@ class FreeHostNode(Node):
 
     def start(self) -> list[Effect]:
         """Listen, and let every module enter."""
-        listen = Listen(heard_by_process(self._orders.run, self._orders.process))
+        listen = Listen(heard_by_process(self._config.run, self._config.process))
         return [listen, *self._go_on()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message; what is none has no effect but that it is counted."""
-        message = read_free(self._orders.run, key, data)
+        message = read_free(self._config.run, key, data)
         match message:
             case Shows():
                 self._take(message)
-            case Tells(process=process, parts=parts) if process == self._orders.process:
+            case Tells(process=process, parts=parts) if process == self._config.process:
                 for part in parts:
                     self._told(part, message.keeper)
             case Repeat():
@@ -183,7 +182,7 @@ class FreeHostNode(Node):
         for tile, serial in self.sensing.due(self._now_s):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(Look(tile, serial))
-        process, sayings = self._orders.process, self._sayings
+        process, sayings = self._config.process, self._sayings
         # What a rule chose is on record before what follows from it.
         if turns:
             effects.append(sayings.say(Turns(process, turns)))
@@ -199,7 +198,7 @@ class FreeHostNode(Node):
             return []
         self._needed, self._swept_s = tiles, self._now_s
         new, old = self.sensing.need(tiles, self._now_s)
-        run = self._orders.run
+        run = self._config.run
         effects: list[Effect] = []
         if new:
             effects.append(Listen(tuple(heard_of_tile(run, tile) for tile in new)))

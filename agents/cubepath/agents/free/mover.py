@@ -3,10 +3,6 @@
 It enters, senses, lets its rule choose, and attempts what that chose; it goes on when it knows what
 came of that. It acts only through the PettingZoo observation, mask and action. It is called
 whenever something that it senses may have changed, or when it is due.
-
-What a module process is told at its birth, in a run without rounds.
-
-The fleet and the simulator give the same orders.
 """
 
 from __future__ import annotations
@@ -16,8 +12,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any, Literal
 
-import msgspec
-
+from cubepath.agents.free.config import OwnMove
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import planned
 from cubepath.agents.keepers.node import TICK_S
@@ -25,11 +20,9 @@ from cubepath.agents.local.observation import STAY, observe
 from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
     Attempt,
@@ -43,38 +36,6 @@ from cubepath.protocol.wire.free_messages import (
     Turn,
 )
 from cubepath.protocol.wire.tiles import Tiles
-
-
-class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A module's own move of a schedule, and how often its units were written and read before."""
-
-    placed: GeneratorPlacement
-    after: list[tuple[Json, int, int | None]]
-
-
-class FreeOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a module process is told."""
-
-    endpoint: str
-    run: str
-    process: int
-    modules: list[int]
-    keepers: int
-    birth: int
-    """How often a process has been started for these modules, from 1."""
-    scene: str
-    """The scene as TOML text."""
-    rule: str
-    seed: int
-    hesitate: float = 0.0
-    speeds: dict[int, float] = {}
-    """By module how many times slower than at once it chooses: the time it takes to think."""
-    jitter: float = 0.0
-    """By which share at most its thinking takes longer, at random."""
-    schedule: dict[int, list[OwnMove]] | None = None
-    """By module its own moves of a schedule, in their order, instead of the rule."""
-    credentials: Credentials = GUEST
-
 
 AGAIN_S, AGAIN_S_MAX = 0.25, 4.0
 """After how long a module asks again what it was not answered, and how rarely at the least."""

@@ -1,18 +1,10 @@
-"""A keeper as a node: strict decoding, keys, and ticks.
-
-What a keeper is told at its birth.
-
-The fleet and the simulator give the same orders.
-"""
+"""A keeper as a node: strict decoding, keys, and ticks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import msgspec
-
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Attempt,
@@ -32,29 +24,6 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sayings import Sayings
-
-
-class KeeperOrders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a keeper is told."""
-
-    endpoint: str
-    run: str
-    keeper: int
-    keepers: int
-    modules_of: list[list[int]]
-    """The modules of every process: who speaks for whom."""
-    scene: str
-    log: str
-    """The path of the keeper's log."""
-    log_run: str
-    """The run that began the log."""
-    birth: int = 1
-    """How often it has been started, from 1."""
-    commits: int = 0
-    """How many commits are known of it; its log has no fewer."""
-    tell_reads: bool = False
-    credentials: Credentials = GUEST
-
 
 TICK_S = 0.05
 

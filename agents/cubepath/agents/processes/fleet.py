@@ -10,18 +10,19 @@ from __future__ import annotations
 import contextlib
 import time
 import uuid
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from typing import Self, TypeAlias
 
 from msgspec.structs import replace
 
-from cubepath.agents.processes.children import Children
+from cubepath.agents.processes.child_processes import ChildProcesses
+from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
-from cubepath.agents.processes.network import Network, Way, straight
-from cubepath.agents.processes.orders import OUTSIDE, Orders
+from cubepath.agents.processes.network import NetworkConfig, Way, straight
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
-from cubepath.agents.processes.recruits import Recruits
+from cubepath.agents.processes.remote_processes import RemoteProcesses
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import Recorded
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -39,7 +40,8 @@ from cubepath.protocol.wire.shell import Shell
 Sink: TypeAlias = Callable[[Keep[Message], int], None]
 """Receives each message with its bytes on the wire, and the wall time in nanoseconds."""
 
-_PRIVATE = Network()
+_PRIVATE = NetworkConfig()
+_MODULE = "cubepath.agents.processes.host"
 _POLL_S = 0.05
 _LOOK_S = 0.5
 _END_S_MAX = 5.0
@@ -49,11 +51,92 @@ _REST_S = 0.02
 _RESTARTS_MAX = 10
 
 
-class Fleet:
+class ProcessFleet(ABC):
     """The processes of one run, as a context manager that leaves nothing running.
 
     On exit it releases every process, session and port, whatever happened.
     """
+
+    def __init__(self, scene: Scene, rule: str, *, seed: int, hesitate: float, way: Way) -> None:
+        """Start nothing yet; own processes take the `way` to the router."""
+        self.scene = scene
+        self.run = uuid.uuid4().hex[:12]
+        """The name of the run in keys."""
+        self.endpoint = ""
+        """Where the router listens; other sessions can join there."""
+        self.modules_of: list[list[int]] = []
+        """The modules of each process."""
+        self._rule = rule
+        self._seed = seed
+        self._hesitate = hesitate
+        self._way = way
+        self._router: Router | None = None
+        self._children = ChildProcesses()
+        self._resources = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        """Start everything."""
+        try:
+            self._start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the processes, kill those that do not end, and close all sessions."""
+        self._end()
+
+    @abstractmethod
+    def _start(self) -> None:
+        """Start the router and the processes."""
+
+    def _end(self) -> None:
+        try:
+            self._children.end(self._end_s)
+        finally:
+            self._resources.close()
+            self._router = None
+
+    @property
+    @abstractmethod
+    def _end_s(self) -> float:
+        """Return how long processes may take to end before they are killed."""
+
+    def _open_router(self, router: Router) -> None:
+        self._router = router
+        self._resources.callback(router.close)
+        self.endpoint = router.endpoint
+
+    def credentials(self, name: str = COORDINATOR) -> Credentials:
+        """Return the credentials with which the process of this name authenticates."""
+        if self._router is None:
+            raise _ended()
+        return self._router.credentials(name)
+
+    def _access(self, name: str) -> tuple[str, Credentials]:
+        """Return where the process of this name finds the router, and its credentials."""
+        return self._way(name, self.endpoint, self.credentials(name))
+
+    def start_again(self, name: str) -> None:
+        """Start a process again that has died; InputError for one that lives, or is unknown."""
+        raise InputError(f"{name}: started again only in runs without rounds (clock=free)")
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name; that of the router may change if it dies."""
+        found = {name: child.pid for name, child in self._children.by_name.items()}
+        if self._router is not None:
+            found["router"] = self._router.pid
+        return found
+
+
+def _ended() -> CubepathError:
+    return CubepathError("the fleet has ended: start another")
+
+
+class LockstepFleet(ProcessFleet):
+    """The processes of a run with rounds, which are paced phase by phase."""
 
     def __init__(
         self,
@@ -67,7 +150,7 @@ class Fleet:
         schedule: Mapping[int, OwnMoves] | None = None,
         recorded: Recorded | None = None,
         patience_s: float = PATIENCE_S,
-        network: Network = _PRIVATE,
+        network: NetworkConfig = _PRIVATE,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
         plausible: Check | None = None,
@@ -92,13 +175,9 @@ class Fleet:
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
-        self.scene = scene
+        super().__init__(scene, rule, seed=seed, hesitate=hesitate, way=way)
         self.processes = min(processes, len(scene.start))
         network.check(len(scene.start), self.processes)
-        self.run = uuid.uuid4().hex[:12]
-        self._rule = rule
-        self._seed = seed
-        self._hesitate = hesitate
         self._note_length = note_length
         self._schedule = schedule
         self._recorded = recorded
@@ -108,18 +187,12 @@ class Fleet:
         self._check = check
         self._plausible = plausible
         self._say = say
-        self._way = way
         self._opened = opened
         self._joined = False
         self._looked = time.monotonic()
-        self.endpoint = ""
-        """Where the router listens; other sessions can join there."""
         self._deal([])
-        self._router: Router | None = None
-        self._recruits: Recruits | None = None
+        self._joiners: RemoteProcesses | None = None
         self._shell: Shell | None = None
-        self._children = Children()
-        self._resources = contextlib.ExitStack()
 
     def _deal(self, joined: list[list[int]]) -> None:
         """Deal the modules that nobody from elsewhere has to own processes."""
@@ -138,44 +211,33 @@ class Fleet:
             hears_all=self._sink is not None,
         )
 
-    def __enter__(self) -> Self:
-        """Start everything and wait until every process has joined."""
-        try:
-            self._start()
-        except BaseException:
-            self._end()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Tell the processes to stop, kill those that do not, and close all sessions."""
-        self._end()
-
     def _start(self) -> None:
         self._open_network()
         if self._opened is not None:
             self._opened()
         joined = self._network.wait_for
         if self._network != _PRIVATE:
-            self._deal(self._recruit(joined))
+            self._deal(self._wait_for_joiners(joined))
         credentials = self.credentials()
         shell = Shell(self._pacer, self.endpoint, self._sink, credentials=credentials)
         self._resources.callback(shell.close)
         self._shell = shell
         shell.start()
         scene = scene_to_toml(self.scene)
-        if self._recruits is not None:
-            self._recruits.send(
-                {process: self._orders(process, scene, "") for process in range(joined)}
-            )
+        if self._joiners is not None:
+            self._joiners.send({process: self._config(process, scene) for process in range(joined)})
         for process in range(joined, len(self.modules_of)):
             if self._check is not None:
                 self._check()
-            orders = self._orders(process, scene, self.endpoint)
+            name = process_name(process)
+            endpoint, credentials = self._access(name)
+            config = replace(
+                self._config(process, scene), endpoint=endpoint, credentials=credentials
+            )
             if self.processes:
-                self._children.spawn(orders)
+                self._children.spawn(name, _MODULE, config)
             else:
-                self._children.keep_here(orders)
+                self._children.serve_here(name, _MODULE, config)
         self._wait()
         self._joined = True
 
@@ -184,11 +246,8 @@ class Fleet:
         if network.connect is not None:
             self.endpoint = network.connect
         else:
-            router = self._router = Router(
-                network.listen, processes=max(1, self.processes), secure=network.secure
-            )
-            self._resources.callback(router.close)
-            self.endpoint = router.endpoint
+            own = max(1, self.processes)
+            self._open_router(Router(network.listen, processes=own, secure=network.secure))
         if self._say is None:
             return
         where = self.endpoint if self._router is None else self._router.listening
@@ -201,35 +260,35 @@ class Fleet:
         self._say(f"endpoint {where}, run {self.run}")
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
-        """Return by what the one of this name shows who speaks."""
+        """Return the credentials with which the process of this name authenticates."""
         if self._router is not None:
             return self._router.credentials(name)
         folder = self._network.secure
         return Credentials(name, "", "" if folder is None else str(folder))
 
-    def _recruit(self, expected: int) -> list[list[int]]:
+    def _wait_for_joiners(self, expected: int) -> list[list[int]]:
         """Show that the run is there, and wait for remote processes; return the modules of each."""
-        recruits = self._recruits = Recruits(
+        joiners = self._joiners = RemoteProcesses(
             self.endpoint,
             self.run,
             len(self.scene.start),
             expected,
             self.credentials(),
         )
-        self._resources.callback(recruits.close)
+        self._resources.callback(joiners.close)
 
         def check() -> None:
             if self._check is not None:
                 self._check()
             self._look_after_the_router()
 
-        return recruits.gather(check, self._say or (lambda _: None), self._patience_s)
+        return joiners.gather(check, self._say or (lambda _: None), self._patience_s)
 
-    def _orders(self, process: int, scene: str, endpoint: str) -> Orders:
-        """Return the orders of a process; one elsewhere has an endpoint of its own."""
+    def _config(self, process: int, scene: str) -> ProcessConfig:
+        """Return the configuration of a process, apart from how it finds the router."""
         modules = self.modules_of[process]
-        orders = Orders(
-            endpoint=endpoint,
+        return ProcessConfig(
+            endpoint="",
             run=self.run,
             process=process,
             modules=modules,
@@ -242,11 +301,6 @@ class Fleet:
             schedule=self._own(modules),
             recorded=None if self._recorded is None else self._recorded.of(modules),
         )
-        if not endpoint:
-            return orders
-        name = process_name(process)
-        endpoint, credentials = self._way(name, endpoint, self.credentials(name))
-        return replace(orders, endpoint=endpoint, credentials=credentials)
 
     def _first_note_length(self) -> int:
         if self._recorded is not None:
@@ -291,7 +345,7 @@ class Fleet:
         told = looked = time.monotonic()
         while (wait_s := left()) > 0.0:
             if self._shell is None:
-                raise CubepathError("the fleet has ended: start another")
+                raise _ended()
             if self._check is not None:
                 self._check()
             # Not in `step`: a queue that waits may wait on for ever when a signal comes (CPython
@@ -332,14 +386,14 @@ class Fleet:
     def _do(self, effects: list[Effect]) -> None:
         """Carry out what the pacing node asks for, and wait until it is idle."""
         if self._shell is None:
-            raise CubepathError("the fleet has ended: start another")
+            raise _ended()
         self._shell.carry_out(effects)
         self._wait()
 
     def _wait(self) -> None:
         shell = self._shell
         if shell is None:
-            raise CubepathError("the fleet has ended: start another")
+            raise _ended()
         while not self._pacer.idle:
             if self._check is not None:
                 self._check()
@@ -360,10 +414,13 @@ class Fleet:
     def _look_for_the_dead(self) -> None:
         if self._check is not None:
             self._check()  # an interrupt takes precedence over its consequences
-        self._children.check(self._pacer.died)
-        if self._recruits is not None:
-            self._recruits.look()
-            for process in self._recruits.gone():
+        for ended in self._children.ended():
+            if ended.error is not None:
+                raise ProcessDied(ended.error)
+            raise self._pacer.died(int(ended.name.rpartition("_")[2]), ended.how)
+        if self._joiners is not None:
+            self._joiners.look()
+            for process in self._joiners.gone():
                 raise self._pacer.died(process, "it has left the network")
         self._look_after_the_router()
 
@@ -374,21 +431,12 @@ class Fleet:
             raise ProcessDied(f"the router died {router.restarts} times")
 
     @property
-    def pids(self) -> dict[str, int]:
-        """Return the process ids by name: process_N and router, whose id may change if it dies."""
-        found = {
-            process_name(process): child.pid for process, child in self._children.by_process.items()
-        }
-        if self._router is not None:
-            found["router"] = self._router.pid
-        return found
+    def _end_s(self) -> float:
+        return _END_S_MAX if self._joined else _HURRY_S_MAX
 
     def _end(self) -> None:
-        try:
-            if self._shell is not None:
-                with contextlib.suppress(Exception):  # the rest must still end
-                    self._shell.carry_out(self._pacer.stop())
-            self._children.end(_END_S_MAX if self._joined else _HURRY_S_MAX)
-        finally:
+        if self._shell is not None:
+            with contextlib.suppress(Exception):  # the rest must still end
+                self._shell.carry_out(self._pacer.stop())
             self._shell = None
-            self._resources.close()
+        super()._end()

@@ -1,27 +1,23 @@
 """A module process: a node with some modules of a run, on one zenoh session.
 
-Started as ``python -m cubepath.agents.processes.host`` with its `Orders`; it ends when it is told
-to, or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in the order of
-the queue.
+Started as ``python -m cubepath.agents.processes.host`` with its `ProcessConfig`; it ends when the
+run does, or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in the order
+of the queue.
 """
 
 from __future__ import annotations
 
 import sys
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
-from cubepath.protocol.wire.shell import Shell, serve
+from cubepath.protocol.wire.shell import run_node, serve
 
 
-def host(orders: Orders) -> None:
-    """Join the run and serve until `Go` says "stop"."""
-    node = HostNode(orders)
-    with Shell(node, orders.endpoint, credentials=orders.credentials) as shell:
-        shell.start()
-        while not shell.ended:
-            shell.step()
+def host(config: ProcessConfig) -> None:
+    """Join the run and serve until `Go` says "stop"; in a process or a thread."""
+    run_node(HostNode(config), config.endpoint, config.credentials)
 
 
 if __name__ == "__main__":
-    sys.exit(serve(Orders, lambda orders: orders.endpoint, host))
+    sys.exit(serve(ProcessConfig, lambda config: config.endpoint, host))

@@ -16,19 +16,19 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.membership import (
     ANY,
     ASK_S,
     ENDED,
     PROTOCOL,
+    JoinRequest,
     Liveness,
-    Request,
     alive_key,
     orders_key,
     read_offer,
 )
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.registry import permitted_rule
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -81,7 +81,7 @@ class Joining:
         return Credentials(self.name or "", "", str(self.secure))
 
 
-def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Orders:
+def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> ProcessConfig:
     """Join a run and serve until it ends; return the orders that it gave.
 
     InputError if the run refuses the process. CheckError if nothing answers at the address, soon;
@@ -141,10 +141,12 @@ def _run_that_waits(session: zenoh.Session, joining: Joining, deadline: float) -
         time.sleep(_POLL_S)
 
 
-def _ordered(session: zenoh.Session, joining: Joining, run: str, liveness: Liveness) -> Orders:
+def _ordered(
+    session: zenoh.Session, joining: Joining, run: str, liveness: Liveness
+) -> ProcessConfig:
     """Ask until the run answers; it does so when all that it waits for are there."""
     key = orders_key(run, joining.name or ANY)
-    data = msgspec.json.encode(Request(list(joining.modules), uuid.uuid4().hex, PROTOCOL))
+    data = msgspec.json.encode(JoinRequest(list(joining.modules), uuid.uuid4().hex, PROTOCOL))
     while True:
         begun = time.monotonic()
         for reply in session.get(key, payload=data, timeout=ASK_S):
@@ -168,7 +170,9 @@ def _check_there(liveness: Liveness, run: str) -> None:
         raise CheckError(f"the coordinator of run {run} is gone")
 
 
-def _serve(session: zenoh.Session, orders: Orders, liveness: Liveness, patience_s: float) -> None:
+def _serve(
+    session: zenoh.Session, orders: ProcessConfig, liveness: Liveness, patience_s: float
+) -> None:
     """Serve until the run stops, its coordinator is gone, or nothing is heard for so long."""
     begun = time.monotonic()
     heard: list[float] = []

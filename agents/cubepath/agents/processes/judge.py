@@ -90,7 +90,7 @@ def refuse(reason: Reason, why: str) -> NoReturn:
     raise RefusedError(reason, why)
 
 
-class Heard(msgspec.Struct, frozen=True):
+class HeardMessage(msgspec.Struct, frozen=True):
     """What was said, with the sites from which its parts were said."""
 
     said: Said
@@ -132,7 +132,7 @@ class Judge:
                 refuse("out of place", f"{kind_of(message)} is on record, and never on the wire")
         return message
 
-    def heard(self, said: Said) -> Heard:
+    def heard(self, said: Said) -> HeardMessage:
         """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
         process, round_number = said.process, said.round
         kinds, process_of, sites = KINDS_IN[said.phase], self._process_of, self._sites
@@ -158,7 +158,7 @@ class Judge:
                 "out of place",
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",
             )
-        return Heard(said, tuple(senders))
+        return HeardMessage(said, tuple(senders))
 
     def _check_content(self, part: Part, sender: Site) -> None:
         match part:

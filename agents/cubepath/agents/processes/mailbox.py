@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
-from cubepath.agents.processes.judge import Heard, Spoken
+from cubepath.agents.processes.judge import HeardMessage, Spoken
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import key_of
@@ -22,25 +22,25 @@ class Inbox:
     """What other processes said, each message once."""
 
     def __init__(self) -> None:
-        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Heard]] = {}
+        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], HeardMessage]] = {}
 
     def knows(self, said: Said) -> bool:
         """Return whether a message of that number is kept already, whatever it holds."""
         kept = self._heard.get((said.round, said.phase), ())
         return (said.region, said.process, said.number) in kept
 
-    def keep(self, heard: Heard) -> None:
+    def keep(self, heard: HeardMessage) -> None:
         """Keep what was said."""
         said = heard.said
         kept = self._heard.setdefault((said.round, said.phase), {})
         kept[said.region, said.process, said.number] = heard
 
-    def kept(self, round_number: int, phase: Spoken) -> list[Heard]:
+    def kept(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
         """Return what was said in a phase, in an order that does not depend on its arrival."""
         kept = self._heard.get((round_number, phase), {})
         return [kept[key] for key in sorted(kept)]
 
-    def take(self, round_number: int, phase: Spoken) -> list[Heard]:
+    def take(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
         """Return what was said in a phase, and keep it no longer."""
         found = self.kept(round_number, phase)
         self._heard.pop((round_number, phase), None)

@@ -5,7 +5,7 @@ Who is alive on the network: zenoh's liveliness tokens, watched across restarts 
 What a process that joins from elsewhere asks, and what it is answered.
 
 It asks by a zenoh get on ``cubepath/RUN/orders/process_N``, or ``.../any``. The answer is an
-`Offer`, or an error of one line. Neither is on record.
+`JoinOffer`, or an error of one line. Neither is on record.
 
 Who has asked to join a run from elsewhere, with which modules: a pure table.
 
@@ -23,7 +23,7 @@ from typing import Annotated
 import msgspec
 import zenoh
 
-from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Count, Name
@@ -90,7 +90,7 @@ ENDED = "the run has ended"
 """The error that those are answered who wait for a run that will not begin."""
 
 
-class Request(msgspec.Struct, frozen=True):
+class JoinRequest(msgspec.Struct, frozen=True):
     """A process asks to join with these modules."""
 
     modules: Annotated[list[Count], msgspec.Meta(max_length=1 << 16)]
@@ -99,7 +99,7 @@ class Request(msgspec.Struct, frozen=True):
     protocol: Count = 0
 
 
-class Offer(msgspec.Struct, frozen=True):
+class JoinOffer(msgspec.Struct, frozen=True):
     """The orders of a process, to be read if the protocol is the reader's."""
 
     protocol: Count
@@ -116,10 +116,10 @@ def alive_key(run: str, name: str = "*") -> str:
     return topic_key(run, "alive", name)
 
 
-def read_request(data: bytes) -> Request:
+def read_request(data: bytes) -> JoinRequest:
     """Return a request; InputError if it is none, or of another protocol."""
     try:
-        found = msgspec.json.decode(data, type=Request)
+        found = msgspec.json.decode(data, type=JoinRequest)
     except _NOT_DECODED as error:
         raise InputError(f"not a request to join: {error}") from None
     if found.protocol != PROTOCOL:
@@ -127,20 +127,20 @@ def read_request(data: bytes) -> Request:
     return found
 
 
-def read_offer(data: bytes) -> Orders:
+def read_offer(data: bytes) -> ProcessConfig:
     """Return the orders of an offer; InputError if it is of another protocol, CheckError if bad."""
     try:
-        found = msgspec.json.decode(data, type=Offer)
+        found = msgspec.json.decode(data, type=JoinOffer)
         if found.protocol != PROTOCOL:
             raise InputError(_other(PROTOCOL, found.protocol))
-        return msgspec.json.decode(found.orders, type=Orders)
+        return msgspec.json.decode(found.orders, type=ProcessConfig)
     except _NOT_DECODED as error:
         raise CheckError(f"not the orders of a process: {error}") from None
 
 
-def offer(orders: Orders) -> bytes:
+def offer(orders: ProcessConfig) -> bytes:
     """Return an offer as bytes."""
-    return msgspec.json.encode(Offer(PROTOCOL, msgspec.Raw(msgspec.json.encode(orders))))
+    return msgspec.json.encode(JoinOffer(PROTOCOL, msgspec.Raw(msgspec.json.encode(orders))))
 
 
 def _other(joiner: int, coordinator: int) -> str:
@@ -161,7 +161,7 @@ class _Entry:
     heard_s: float
 
 
-class Roster:
+class Membership:
     """The joiners of one run, up to the number that is expected."""
 
     def __init__(self, modules: int, expected: int) -> None:

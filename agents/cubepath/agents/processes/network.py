@@ -33,7 +33,7 @@ def straight(_name: str, endpoint: str, credentials: Credentials) -> tuple[str, 
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class NetworkConfig:
     """A private router, unless told otherwise."""
 
     listen: str | None = None

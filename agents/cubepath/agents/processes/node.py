@@ -9,26 +9,27 @@ missing it asks for again. What is refused (`judge`) has no effect.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import STAY, Observation, goal_sets
+from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.judge import (
     ASK_S_MAX,
     ASK_S_MIN,
     BEFORE,
     ORDER,
-    Heard,
+    HeardMessage,
     Judge,
     RefusedError,
     Spoken,
 )
 from cubepath.agents.processes.mailbox import Inbox, Outbox
-from cubepath.agents.processes.orders import OUTSIDE, Orders, afterwards, at_birth
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.schedule import as_recorded, scheduled
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -57,23 +58,23 @@ _REPEATS_MAX = 1000
 class HostNode:
     """The modules of one process."""
 
-    def __init__(self, orders: Orders, scene: Scene | None = None) -> None:
+    def __init__(self, config: ProcessConfig, scene: Scene | None = None) -> None:
         """Read the scene and the rule; InputError if there is no such rule for it.
 
-        A `scene` that is built already is taken instead of the text of the orders.
+        A `scene` that is built already is taken instead of the text of the configuration.
         """
-        self._orders = orders
-        self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
+        self._config = config
+        self._scene = scene_from_toml(config.scene, "the configuration") if scene is None else scene
         self._system = self._scene.system
-        self._judge = Judge(orders.run, orders.processes, self._system)
+        self._judge = Judge(config.run, config.processes, self._system)
         self._rule: RuleType | None = None
-        if orders.rule != OUTSIDE:
-            self._rule = rule_named(orders.rule, self._system)
-        self._begin(orders.seed, 0)
+        if config.rule != OUTSIDE:
+            self._rule = rule_named(config.rule, self._system)
+        self._begin(config.seed, 0)
 
     def _begin(self, seed: int, round_number: int) -> None:
         """Put the modules at their start, with no memory."""
-        orders, scene = self._orders, self._scene
+        config, scene = self._config, self._scene
         self._seed = seed
         self._actors: dict[int, Actor] = {}
         self._at = (round_number, ORDER["join"])
@@ -82,16 +83,16 @@ class HostNode:
         self._pending: Go | None = None
         self._given: dict[int, Acts] = {}
         self._inbox = Inbox()
-        self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
+        self._outbox = Outbox(scene.system, config.run, config.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
         self._repeats: dict[int, int] = {}
         self._wait_s: float | None = None
-        note_length = orders.note_length
+        note_length = config.note_length
         if self._rule is not None:
-            self._actors, note_length = at_birth(orders, scene, self._rule, seed)
+            self._actors, note_length = _at_birth(config, scene, self._rule, seed)
         self._judge.note_length = note_length
-        later_seeds = () if orders.recorded is None else orders.recorded.seeds
+        later_seeds = () if config.recorded is None else config.recorded.seeds
         goals = goal_sets(scene)
         self._cores = {
             module: ModuleCore(
@@ -104,7 +105,7 @@ class HostNode:
                 rounds_before=round_number,
                 later_seeds=later_seeds,
             )
-            for module in orders.modules
+            for module in config.modules
         }
         self._look_around()
 
@@ -119,23 +120,23 @@ class HostNode:
 
     def start(self) -> list[Effect]:
         """Listen, and say that the process is there until it is told to begin."""
-        orders = self._orders
+        config = self._config
         keys = [
-            topic_key(orders.run, "go", "coordinator"),
-            topic_key(orders.run, "go", f"process_{orders.process}"),
-            topic_key(orders.run, "again"),
-            topic_key(orders.run, "reset", "coordinator"),
-            topic_key(orders.run, "reset", f"process_{orders.process}"),
+            topic_key(config.run, "go", "coordinator"),
+            topic_key(config.run, "go", f"process_{config.process}"),
+            topic_key(config.run, "again"),
+            topic_key(config.run, "reset", "coordinator"),
+            topic_key(config.run, "reset", f"process_{config.process}"),
         ]
         if self._rule is None:
-            keys.append(topic_key(orders.run, "acts", f"process_{orders.process}"))
+            keys.append(topic_key(config.run, "acts", f"process_{config.process}"))
         return [Listen((*keys, *self._keys_of(self._within))), *self._join()]
 
     def _join(self) -> list[Effect]:
-        return [*self._answer(Ready(self._round, self._orders.process, "join")), *self._wait()]
+        return [*self._answer(Ready(self._round, self._config.process, "join")), *self._wait()]
 
     def _keys_of(self, regions: Iterable[str]) -> tuple[str, ...]:
-        return tuple(to_region(self._orders.run, region) for region in sorted(regions))
+        return tuple(to_region(self._config.run, region) for region in sorted(regions))
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message; what is refused, or not for a process, has no effect."""
@@ -191,8 +192,8 @@ class HostNode:
         return [Timer(None)]
 
     def _ask(self, phase: Spoken, region: str) -> Put:
-        message = Again(self._round, self._orders.process, phase, region)
-        return Put(key_of(self._orders.run, message), encode(message))
+        message = Again(self._round, self._config.process, phase, region)
+        return Put(key_of(self._config.run, message), encode(message))
 
     def _repeated(self, again: Again) -> Iterable[Put]:
         repeats = self._repeats.get(again.process, 0)
@@ -203,13 +204,13 @@ class HostNode:
 
     def _answer(self, *messages: Message) -> list[Put]:
         """Answer the coordinator; the answer is repeated if it asks again."""
-        puts = [Put(key_of(self._orders.run, each), encode(each)) for each in messages]
+        puts = [Put(key_of(self._config.run, each), encode(each)) for each in messages]
         self._answers += puts
         return puts
 
     def _ready(self, phase: Literal["sense", "observe", "claim", "settle", "over"]) -> Ready:
         counts = self._outbox.counts(phase)
-        return Ready(self._round, self._orders.process, phase, counts)
+        return Ready(self._round, self._config.process, phase, counts)
 
     # What is heard.
 
@@ -225,7 +226,7 @@ class HostNode:
 
     def _awaits(self, said: Said) -> bool:
         """Return whether what was said has its phase before it or in it; else it is a double."""
-        if said.process == self._orders.process or said.region not in self._within:
+        if said.process == self._config.process or said.region not in self._within:
             return False
         if said.phase == "sense":
             return said.round == self._round + 1 or (
@@ -237,7 +238,7 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, heard: Heard) -> list[Part]:
+    def _give(self, heard: HeardMessage) -> list[Part]:
         """Give modules what is addressed to their places; return what they say to it."""
         there = self._within.get(heard.said.region)
         found: list[Part] = []
@@ -313,8 +314,8 @@ class HostNode:
 
     def _waiting(self, round_number: int, phase: str) -> Put:
         """Say that the process is there, but cannot do the phase without others."""
-        message = Waiting(round_number, self._orders.process, phase)
-        return Put(key_of(self._orders.run, message), encode(message))
+        message = Waiting(round_number, self._config.process, phase)
+        return Put(key_of(self._config.run, message), encode(message))
 
     def _repeat(self) -> list[Effect]:
         """Say again all that was said in this phase."""
@@ -369,7 +370,7 @@ class HostNode:
             _observed(self._round, module, core.observation())
             for module, core in self._cores.items()
         ]
-        sent = Observations(self._round, self._orders.process, observed)
+        sent = Observations(self._round, self._config.process, observed)
         return [*self._answer(sent, self._ready("observe"))]
 
     def _hear_senses(self) -> None:
@@ -407,7 +408,7 @@ class HostNode:
         if not all(core.finished for core in self._cores.values()):
             return [*found, *self._wait()] if self._wait_s is None else found
         reports = Reports(
-            self._round, self._orders.process, [core.report() for core in self._cores.values()]
+            self._round, self._config.process, [core.report() for core in self._cores.values()]
         )
         # Listen at the new places before reporting that the round is done: messages of the next
         # round must find the listener there.
@@ -422,14 +423,14 @@ class HostNode:
 
     def _end_schedule(self) -> list[Effect]:
         """Let every module follow its rule from where it stands, with no memory."""
-        orders = self._orders
-        if self._rule is not None and (orders.schedule, orders.recorded) != (None, None):
+        config = self._config
+        if self._rule is not None and (config.schedule, config.recorded) != (None, None):
             sites = {module: core.site for module, core in self._cores.items()}
-            self._actors, note_length = afterwards(
-                orders, self._scene, self._rule, self._seed, sites
+            self._actors, note_length = _afterwards(
+                config, self._scene, self._rule, self._seed, sites
             )
             self._judge.note_length = note_length
-            heard = orders.recorded is not None and orders.recorded.heard
+            heard = config.recorded is not None and config.recorded.heard
             for core in self._cores.values():
                 core.follow(note_length, heard=heard)
         return [*self._answer(self._ready("over"))]
@@ -439,7 +440,7 @@ class HostNode:
     def _take_acts(self, acts: Acts) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
             return []
-        if acts.process != self._orders.process:
+        if acts.process != self._config.process:
             return []
         self._judge.check_whole(acts)
         self._given.setdefault(acts.round, acts)
@@ -470,3 +471,40 @@ def _observed(round_number: int, module: int, seen: Observation) -> Observed:
         action_mask=seen["action_mask"].tolist(),
         notes=seen["notes"].tolist() if "notes" in seen else [],
     )
+
+
+def _at_birth(
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int
+) -> tuple[dict[int, Actor], int]:
+    """Return an actor for each module, by number, and the length of the notes."""
+    modules, told, doubt = config.modules, config.recorded, config.hesitate
+    if told is None:
+        first = rule if config.schedule is None else scheduled(config.schedule)
+        actors = actors_for(scene, first, seed=seed, hesitate=doubt, modules=modules)
+        return actors, first.length(len(scene.start))
+    bound = [module for module in modules if module in told.choices]
+    free = [module for module in modules if module not in told.choices]
+    actors = actors_for(scene, as_recorded(told), seed=seed, hesitate=0.0, modules=bound)
+    actors |= actors_for(scene, rule, seed=seed, hesitate=doubt, modules=free)
+    return actors, told.note_length
+
+
+def _afterwards(
+    config: ProcessConfig, scene: Scene, rule: RuleType, seed: int, sites: Mapping[int, Site]
+) -> tuple[dict[int, Actor], int]:
+    """Return the same for when the schedule or the record is over, and modules are at `sites`."""
+    told = config.recorded
+    others = {} if told is None else told.rules
+    if told is not None and told.seeds:
+        seed = told.seeds[-1][1]
+    actors: dict[int, Actor] = {}
+    for name in sorted({others.get(module, "") for module in config.modules}):
+        actors |= actors_for(
+            scene,
+            rule_named(name, scene.system) if name else rule,
+            seed=seed,
+            hesitate=config.hesitate,
+            modules=[module for module in config.modules if others.get(module, "") == name],
+            sites=sites,
+        )
+    return actors, rule.length(len(scene.start))

@@ -1,10 +1,10 @@
 """The pacing node of a coordinator: it lets each phase begin when the one before is over.
 
-A pure machine, like the node of a module process: `Fleet` carries its effects out on zenoh. It
-decides nothing for a module and carries nothing between them but how many messages were said to
-each region. A phase is over when every process has answered and everything that it said in the
-phase has arrived here too, so that the record is whole; what is missing is asked for again. What
-comes in is judged; what is refused changes nothing, and is told of on record (`Refusals`).
+A pure machine, like the node of a module process: `LockstepFleet` carries its effects out on
+zenoh. It decides nothing for a module and carries nothing between them but how many messages were
+said to each region. A phase is over when every process has answered and everything that it said in
+the phase has arrived here too, so that the record is whole; what is missing is asked for again.
+What comes in is judged; what is refused changes nothing, and is told of on record (`Refusals`).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from cubepath.agents.rules.registry import permitted_rule, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.verification.free_transcript import turn_text
-from cubepath.coordinator.verification.free_turns import Seen
+from cubepath.coordinator.verification.free_turns import TurnView
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
@@ -69,7 +69,7 @@ class FreeRuleAudit:
         if self._wrong is not None:
             fail(self._wrong)
 
-    def turn(self, seen: Seen, fail: Callable[[str], None]) -> None:
+    def turn(self, seen: TurnView, fail: Callable[[str], None]) -> None:
         """Ask the rule in a turn, and call `fail` with one line for each other choice."""
         turn, rule = seen.turn, self._rule
         if rule is None:
@@ -91,10 +91,10 @@ class FreeRuleAudit:
             if told != due:
                 fail(f"{turn_text(turn)}: its {what} is {told}, by its rule it is {due}")
 
-    def _reach(self, seen: Seen) -> bool:
+    def _reach(self, seen: TurnView) -> bool:
         return bool(self._scene.system.reach(self._scene.system.place_of(seen.site)))
 
-    def _born(self, rule: RuleType, seen: Seen) -> Actor | None:
+    def _born(self, rule: RuleType, seen: TurnView) -> Actor | None:
         module, seed = seen.turn.module, self._seed or 0
         knowledge = InitialKnowledge(
             system=self._scene.system,

@@ -21,8 +21,13 @@ from cubepath.agents.rules.registry import permitted_rule, rule_named, rules
 from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
-from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.coordinator.verification.stages import Stage, spans, stages_in
+from cubepath.coordinator.verification.parameters import (
+    RuleStage,
+    hesitation_in,
+    seed_in,
+    spans,
+    stages_in,
+)
 from cubepath.coordinator.verification.transcript import Transcript, site_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
@@ -175,7 +180,7 @@ class RuleAudit:
         while self._stages and self._stages[0].begins <= moment.round:
             self._begin(self._stages.popleft(), moment)
 
-    def _begin(self, stage: Stage, moment: Moment) -> None:
+    def _begin(self, stage: RuleStage, moment: Moment) -> None:
         """Follow the rules of a stage, each module from where it stands."""
         before, self._unchecked = self._unchecked, None
         self._actors = {}

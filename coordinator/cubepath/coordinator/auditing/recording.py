@@ -8,8 +8,8 @@ from cubepath.agents.rules.registry import stands_for
 from cubepath.coordinator.auditing.free_playing import FreeRuleAudit
 from cubepath.coordinator.auditing.playing import RuleAudit
 from cubepath.coordinator.verification.findings import Progress, Verification
+from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.recording import verify
-from cubepath.coordinator.verification.stages import stages_in
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.recording import Recording, recording_of
 

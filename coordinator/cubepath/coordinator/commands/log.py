@@ -72,8 +72,10 @@ def _recover(options: argparse.Namespace) -> int:
     """
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
     from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
-    from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
-    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
+    from cubepath.coordinator.verification.recovery import (  # noqa: PLC0415
+        recover,
+        with_told_scene,
+    )
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 

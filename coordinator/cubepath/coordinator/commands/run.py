@@ -112,7 +112,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.round is not None or options.modules is not None:
         return _continue(options)
     from cubepath.coordinator.runs.plan import Plan  # noqa: PLC0415 - only what a command needs
-    from cubepath.coordinator.runs.running import Running  # noqa: PLC0415
+    from cubepath.coordinator.runs.run import Run  # noqa: PLC0415
 
     check_files(options, [options.schedule, options.parent])
     _check_log(options)
@@ -139,7 +139,7 @@ def _run(options: argparse.Namespace) -> int:
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            running = Running(plan, watch=watch, say=say)
+            running = Run(plan, watch=watch, say=say)
             with plugin("watched")(options, running, say):
                 outcome = running.play_from_the_start()
     rows: list[tuple[str, object]] = [

@@ -24,7 +24,7 @@ from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.simulation.swarm import Kept, Tally
+    from cubepath.coordinator.simulation.swarm import KeptRun, Tally
 
 _RANGE = re.compile(r"(\d{1,18})(?:\.\.(\d{1,18}))?", re.ASCII)
 _SHOWN_MAX = 300
@@ -78,7 +78,7 @@ def _seeds(text: str) -> range:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.simulation.scenarios import Asked, check  # noqa: PLC0415
+    from cubepath.coordinator.simulation.scenarios import ScenarioOptions, check  # noqa: PLC0415
     from cubepath.coordinator.simulation.swarm import (  # noqa: PLC0415
         Tally,
         simulate_seeds,
@@ -86,7 +86,9 @@ def _simulate(options: argparse.Namespace) -> int:
     )
 
     check_files(options, [])
-    asked = Asked(options.system, options.rule, options.modules, options.liars, options.clock)
+    asked = ScenarioOptions(
+        options.system, options.rule, options.modules, options.liars, options.clock
+    )
     check(asked)
     check_output_folder(options.out)
     tally, began, interrupted = Tally(simulator_of(asked)), time.monotonic(), False
@@ -123,7 +125,7 @@ def _state(tally: Tally) -> str:
     return f"{failures} failures" if failures else ""
 
 
-def _tell(kept: Kept) -> None:
+def _tell(kept: KeptRun) -> None:
     detail = kept.detail if len(kept.detail) <= _SHOWN_MAX else kept.detail[:_SHOWN_MAX] + "..."
     complain(f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}")
 

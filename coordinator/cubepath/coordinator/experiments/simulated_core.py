@@ -24,10 +24,9 @@ from cubepath.coordinator.experiments.outcomes import (
 from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario
-from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.simulated import Simulated, simulate
+from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
+from cubepath.coordinator.simulation.simulated import SimulatedRun, simulate
 from cubepath.coordinator.simulation.swarm import Lockstep
 
 _BACK_US = SECOND_US
@@ -110,7 +109,7 @@ def play_simulated(
     return played
 
 
-def _ended(found: Simulated, setting: RunSetting) -> tuple[str, str | None]:
+def _ended(found: SimulatedRun, setting: RunSetting) -> tuple[str, str | None]:
     if found.failure is not None:
         return _of_failure(found.failure.kind, setting), found.failure.detail
     error = None if found.ending is None else found.ending.error
@@ -157,7 +156,7 @@ def _free(setting: RunSetting, facts: SceneFacts, seed: int) -> PlayedRun:
     return played
 
 
-def _free_end(found: FreeSimulated, setting: RunSetting) -> tuple[str, str | None]:
+def _free_end(found: FreeSimulatedRun, setting: RunSetting) -> tuple[str, str | None]:
     if found.failure is None:
         over = found.came_to == "moves" and found.moves < found.scenario.moves
         return (

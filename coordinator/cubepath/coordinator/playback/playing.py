@@ -49,7 +49,7 @@ from cubepath.coordinator.playback.timeline import (
     read_pace,
     read_spot,
 )
-from cubepath.coordinator.runs.asking import About, offer
+from cubepath.coordinator.runs.asking import RunInfo, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import real_number, seconds
 from cubepath.protocol.core.sites import in_order, to_json
@@ -196,7 +196,7 @@ class ReplaySession:
             recording = self.reel.recording
             parameters = {**recording.parameters, LEFT_OUT[0]: "a replay"}
             scene = scene_to_toml(recording.scene)
-            about = About(self.run, recording.format, parameters, scene, is_replay=True)
+            about = RunInfo(self.run, recording.format, parameters, scene, is_replay=True)
             self._offered = offer(self._mouth, lambda: about)
             if not self._wait_for_subscribers:
                 opening.callback(self._listen())

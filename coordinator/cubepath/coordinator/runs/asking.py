@@ -8,9 +8,9 @@ they could have been made.
 
 What a run says of itself to whoever comes to listen: its parameters, scene and schedule.
 
-A run answers queries on ``cubepath/RUN/about`` with `About` as JSON, before its processes join and
-whatever it is doing, as long as its router is there; and a liveliness token on the same key tells
-whether it still goes on. Whoever may listen may ask.
+A run answers queries on ``cubepath/RUN/about`` with `RunInfo` as JSON, before its processes join
+and whatever it is doing, as long as its router is there; and a liveliness token on the same key
+tells whether it still goes on. Whoever may listen may ask.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.coordinator.runs.free_gatherer import Released
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
@@ -37,7 +36,7 @@ _AGAIN_S = 0.1
 _ASK_S = 2.0
 
 
-class About(msgspec.Struct, frozen=True):
+class RunInfo(msgspec.Struct, frozen=True):
     """A run, as a recording of it begins."""
 
     run: str
@@ -60,7 +59,7 @@ def about_key(run: str) -> str:
     return f"cubepath/{run}/about"
 
 
-def offer(session: zenoh.Session, tell: Callable[[], About]) -> tuple[object, object]:
+def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, object]:
     """Answer whoever asks what a run is, until the session closes, or what is returned is dropped.
 
     `tell` is called in a thread of zenoh.
@@ -74,7 +73,7 @@ def offer(session: zenoh.Session, tell: Callable[[], About]) -> tuple[object, ob
     return session.declare_queryable(key, answers), session.liveliness().declare_token(key)
 
 
-def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     """Return what the run of this name says of itself, or the one that there is at the endpoint.
 
     It is waited for, so many seconds. CheckError if none answers in time; InputError if several do
@@ -99,10 +98,10 @@ def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s:
         time.sleep(_AGAIN_S)
 
 
-def _read_about(sample: zenoh.Sample) -> About | None:
+def _read_about(sample: zenoh.Sample) -> RunInfo | None:
     """Return what a run says; None for what others may say at a router that is open to all."""
     try:
-        found = msgspec.json.decode(sample.payload.to_bytes(), type=About)
+        found = msgspec.json.decode(sample.payload.to_bytes(), type=RunInfo)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     if str(sample.key_expr) != about_key(found.run):
@@ -131,7 +130,15 @@ class Status(msgspec.Struct, frozen=True):
     """How the run has ended, None if it goes on."""
 
 
-Release: TypeAlias = Callable[[int, int], Sequence[Released]]
+class Released(msgspec.Struct, frozen=True, array_like=True):
+    """A move of a run without rounds, with its level."""
+
+    level: int
+    generator: str
+    at: Json
+
+
+Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Json]]]
 """Returns the moves from a place on, so many at most; called in any thread."""
 MOVES_MAX = 10_000
 """So many moves are answered at one time at most."""
@@ -164,7 +171,7 @@ class Answers:
         endpoint: str,
         credentials: Credentials,
         status: Status,
-        about: About,
+        about: RunInfo,
         release: Release | None = None,
     ) -> None:
         """Open a session as the coordinator, and answer from now on."""
@@ -207,7 +214,7 @@ class Answers:
         found = self._release(int(asked[1]), MOVES_MAX)
         query.reply(path_key(self._run), msgspec.json.encode(found))
 
-    def _tell(self) -> About:
+    def _tell(self) -> RunInfo:
         return replace(self._about, round=self._status.round)
 
     def close(self) -> None:

@@ -82,7 +82,7 @@ class _Birth:
         self._close()
 
 
-class Heard:
+class SequenceTracker:
     """What has come of all senders; of those that were born again only the last birth counts."""
 
     def __init__(self) -> None:
@@ -154,7 +154,7 @@ class Collector(Node):
         self._modules_of = [frozenset(modules) for modules in modules_of]
         self._keepers = keepers
         self._refusals = Refusals()
-        self._heard = Heard()
+        self._heard = SequenceTracker()
         self._quiet = 0
         self._unanswered = [0] * keepers
         """How often each keeper was asked since it last answered."""

@@ -13,13 +13,14 @@ from pathlib import Path
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.registry import permitted_rule, rule_named
 from cubepath.agents.rules.schedule import Recorded
+from cubepath.coordinator.runs.driver import Say
 from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.listeners import Watch
 from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
-from cubepath.coordinator.runs.running import Running, Say
-from cubepath.coordinator.runs.standing import Watch
-from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.verification.parameters import RuleStage, spans, stages_text
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.core.input_files import Source
@@ -105,7 +106,7 @@ def what_if(
         if watch is not None:
             watch(gatherer)
 
-    return Running(plan, watch=compared, say=say, branch=branch).play_from_the_start()
+    return Run(plan, watch=compared, say=say, branch=branch).play_from_the_start()
 
 
 def _check_silence(record: OnRecord, first: int) -> None:
@@ -126,7 +127,7 @@ def _stage(
     seed: int | None,
     *,
     files: Collection[str],
-) -> Stage:
+) -> RuleStage:
     """Return who follows which rule from the round on."""
     scene, path = record.recording.scene, record.recording.path
     everyone = range(len(scene.start))
@@ -155,7 +156,7 @@ def _stage(
         raise InputError(
             f"rule={rule}: rules that are followed side by side note as many numbers, found {told}"
         )
-    return Stage(
+    return RuleStage(
         begins=first,
         rules={name: spans(those) for name, those in rules.items()},
         seed=now.seed if seed is None else whole_number("seed", seed, 0),
@@ -178,7 +179,7 @@ def _most(record: OnRecord, first: int, asked: int | None) -> int:
     return before if before is not None and before >= first else first - 1 + MAX_ROUNDS
 
 
-def _branch(record: OnRecord, rule: str, stage: Stage) -> Branch:
+def _branch(record: OnRecord, rule: str, stage: RuleStage) -> Branch:
     first = stage.begins
     before = tuple(each for each in record.stages if each.begins < first)
     recorded = Recorded(

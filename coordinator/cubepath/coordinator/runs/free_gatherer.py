@@ -14,7 +14,7 @@ from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import msgspec
 import numpy as np
@@ -27,9 +27,11 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Tail, Turns
 from cubepath.protocol.wire.tiles import Tiles
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
 
 _encode = msgspec.json.Encoder().encode
 
@@ -73,14 +75,6 @@ class Commits:
     def gap(self) -> bool:
         """Return whether one is missing that is known to be there."""
         return self.told > len(self.in_order)
-
-
-class Released(msgspec.Struct, frozen=True, array_like=True):
-    """A move of a run without rounds, with its level."""
-
-    level: int
-    generator: str
-    at: Json
 
 
 _Awaited: TypeAlias = tuple[str, Site]
@@ -180,17 +174,16 @@ class FreeGatherer(Gathered):
         """Return the number of moves released so far."""
         return len(self._levels)
 
-    def released(self, begin: int, count: int) -> list[Released]:
-        """Return the moves from a place on in the order of their release, so many at most.
+    def released(self, begin: int, count: int) -> list[tuple[int, str, Json]]:
+        """Return the moves from a place on in the order of their release, with their levels.
 
-        In any thread: what was released stays as it is.
+        They are `count` at most. In any thread: what was released stays as it is.
         """
         levels, raw = self._levels, self._raw
         end = min(begin + count, len(levels), len(raw.names))
         placed = (raw.placed[raw.names[place]] for place in range(begin, end))
         return [
-            Released(levels[place], each.generator, each.at)
-            for place, each in enumerate(placed, begin)
+            (levels[place], each.generator, each.at) for place, each in enumerate(placed, begin)
         ]
 
     @property

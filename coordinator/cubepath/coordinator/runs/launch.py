@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Unpack
 
 from cubepath.agents.processes.network import Way, straight
+from cubepath.coordinator.runs.driver import Say
+from cubepath.coordinator.runs.listeners import Watch
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan, PlanOptions, plan_of
-from cubepath.coordinator.runs.running import Running, Say
-from cubepath.coordinator.runs.standing import Watch
+from cubepath.coordinator.runs.run import Run
 from cubepath.protocol.core.system import Scene
 
 
@@ -35,7 +36,7 @@ def run(
     >>> outcome.goal_reached, outcome.rounds, outcome.cubes, len(outcome.path)
     (True, 14, 14, 18)
     """
-    return Running(plan_of(what, rule, options), watch=watch, say=say).play_from_the_start()
+    return Run(plan_of(what, rule, options), watch=watch, say=say).play_from_the_start()
 
 
 def start(
@@ -46,7 +47,7 @@ def start(
     say: Say | None = None,
     way: Way = straight,
     **options: Unpack[PlanOptions],
-) -> Running:
+) -> Run:
     """Return a run to be stepped, watched, tapped, asked and stopped, as a context manager.
 
     The arguments are those of `run`. Processes take the `way` to the router, which a test can lay
@@ -62,4 +63,4 @@ def start(
     >>> running.outcome.ended
     'interrupted'
     """
-    return Running(plan_of(what, rule, options), watch=watch, say=say, way=way)
+    return Run(plan_of(what, rule, options), watch=watch, say=say, way=way)

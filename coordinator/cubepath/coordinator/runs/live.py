@@ -27,6 +27,8 @@ from cubepath.agents.rules.registry import (
 )
 from cubepath.agents.rules.schedule import Recorded
 from cubepath.coordinator.runs.continuing import parent_parameters
+from cubepath.coordinator.runs.driver import Say
+from cubepath.coordinator.runs.listeners import TappedMessage, Watch
 from cubepath.coordinator.runs.on_record import (
     OnRecord,
     Words,
@@ -35,10 +37,8 @@ from cubepath.coordinator.runs.on_record import (
     tell_damages,
 )
 from cubepath.coordinator.runs.plan import Branch, Plan
-from cubepath.coordinator.runs.running import Running, Say
-from cubepath.coordinator.runs.standing import Watch
-from cubepath.coordinator.runs.tap import Overheard
-from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.verification.parameters import RuleStage, spans, stages_text
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
@@ -190,7 +190,7 @@ def replay_live(
             wait_for=wait_for,
         )
         branch = _branch(record, stage, name, live, told)
-        running = Running(plan, watch=watch, say=say, branch=branch)
+        running = Run(plan, watch=watch, say=say, branch=branch)
         other = None if own == told else (_notes(told), _notes(own))
         return _played(record, live, running, other, kept)
 
@@ -209,7 +209,7 @@ def _check(record: OnRecord, live: tuple[int, ...]) -> None:
         raise InputError(f"{path}: no whole round is on record, expected some to compare with")
 
 
-def _stage_of(record: OnRecord) -> Stage:
+def _stage_of(record: OnRecord) -> RuleStage:
     first, *others = record.stages
     if others:
         raise InputError(
@@ -219,7 +219,7 @@ def _stage_of(record: OnRecord) -> Stage:
     return first
 
 
-def _rule_of(record: OnRecord, stage: Stage, live: tuple[int, ...], *, joined: bool) -> str:
+def _rule_of(record: OnRecord, stage: RuleStage, live: tuple[int, ...], *, joined: bool) -> str:
     """Return the one rule that modules follow on record.
 
     For those of processes that have `joined`, whose rule may be their own, that of the family.
@@ -249,7 +249,7 @@ def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
 
 
 def _branch(
-    record: OnRecord, stage: Stage, name: str, live: tuple[int, ...], length: int
+    record: OnRecord, stage: RuleStage, name: str, live: tuple[int, ...], length: int
 ) -> Branch:
     left = {
         each: [module for module in stage.modules(each) if module not in set(live)]
@@ -269,14 +269,14 @@ def _branch(
     return Branch(recorded, None, parameters)
 
 
-class _Ear:
+class _Subscriber:
     """What was said in the rounds under way, and the first message that was refused."""
 
     def __init__(self) -> None:
         self.words: dict[int, Words] = {}
         self.refused: str | None = None
 
-    def hear(self, overheard: Overheard) -> None:
+    def hear(self, overheard: TappedMessage) -> None:
         message = overheard.message
         if isinstance(message, Note | Claim | Verdict | Report):
             self.words.setdefault(message.round, {})[overheard.kind, message.module] = message
@@ -287,7 +287,7 @@ class _Ear:
 def _played(
     record: OnRecord,
     live: tuple[int, ...],
-    running: Running,
+    running: Run,
     other: tuple[str, str] | None,
     kept: str | None,
 ) -> LiveReplay:
@@ -296,7 +296,7 @@ def _played(
     In the second round that is known, if notes on record and those of the rule are `other` ones.
     """
     rounds = record.rounds if other is None else 1
-    ear = _Ear()
+    ear = _Subscriber()
     running.listen(ear.hear)
     comparing = _Comparing(record)
     same, found = 0, None

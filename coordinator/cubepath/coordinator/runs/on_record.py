@@ -10,13 +10,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cubepath.agents.processes.orders import OUTSIDE
+from cubepath.agents.processes.config import OUTSIDE
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoice
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
-from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
+from cubepath.coordinator.verification.parameters import (
+    RuleStage,
+    hesitation_in,
+    max_rounds_in,
+    seed_in,
+    spans,
+    stages_in,
+)
 from cubepath.coordinator.verification.partial import hole_in
-from cubepath.coordinator.verification.stages import Stage, spans, stages_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
@@ -49,7 +55,7 @@ class OnRecord:
     choices: dict[int, list[RecordedChoice]]
     """By module what it chose in each of them."""
     note_length: int
-    stages: tuple[Stage, ...]
+    stages: tuple[RuleStage, ...]
     """Which rules the modules follow from which rounds on."""
     max_rounds: int | None
 
@@ -58,7 +64,7 @@ class OnRecord:
         """Return the number of whole rounds."""
         return len(self.words)
 
-    def stage(self, round_number: int) -> Stage:
+    def stage(self, round_number: int) -> RuleStage:
         """Return the stage to which a round belongs."""
         return [each for each in self.stages if each.begins <= max(round_number, 1)][-1]
 
@@ -170,7 +176,7 @@ def _note_length(words: Iterable[Words]) -> int:
     return 0
 
 
-def _stages(recording: Recording, own: set[int]) -> tuple[Stage, ...]:
+def _stages(recording: Recording, own: set[int]) -> tuple[RuleStage, ...]:
     """Return which rules modules follow, those left out whose process named a rule of its own."""
     told, path = recording.parameters, recording.path
     rule, seed, hesitate = told.get("rule"), seed_in(told), hesitation_in(told)
@@ -181,7 +187,7 @@ def _stages(recording: Recording, own: set[int]) -> tuple[Stage, ...]:
     if stages:
         return stages
     modules = [n for n in range(len(recording.scene.start)) if n not in own]
-    return (Stage(1, {str(rule): spans(modules)}, int(seed or 0), float(hesitate or 0.0)),)
+    return (RuleStage(1, {str(rule): spans(modules)}, int(seed or 0), float(hesitate or 0.0)),)
 
 
 def move_text(move: GeneratorPlacement | None) -> str:

@@ -5,25 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.conductor import Ended, Ending
 from cubepath.coordinator.runs.edge_path import Gathered, Step
-from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
 from cubepath.protocol.path_files.schedules import Cubes
-from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Stopped
 
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
+
 
 @dataclass(slots=True)
-class Noticed:
+class CrashReport:
     """A process that died: how, whether it was started again, and when that was noticed.
 
     `seconds` are from the start of the run, and `idle_seconds` from then until the next commit of
@@ -79,7 +81,7 @@ class Outcome:
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
     keepers: int | None = None
-    crashes: tuple[Noticed, ...] = ()
+    crashes: tuple[CrashReport, ...] = ()
     held_back_seconds: float = 0.0
 
     @property
@@ -124,6 +126,8 @@ class Outcome:
 
     def recording(self) -> Recording:
         """Open the recording; errors as for `read_recording`."""
+        from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415 - no run reads
+
         return read_recording(Path(self.log))
 
     def document(self) -> dict[str, Any]:
@@ -144,7 +148,7 @@ class Outcome:
 
 def outcome_of(
     plan: Plan,
-    task: Task,
+    task: RunTask,
     gathered: Gathered,
     ending: Ending,
     writer: RecordingWriter,

@@ -12,17 +12,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from cubepath.agents.free.fleet import OnCrash
-from cubepath.agents.processes.network import Network
+from cubepath.agents.free.config import OnCrash
+from cubepath.agents.processes.network import NetworkConfig
 from cubepath.agents.rules.registry import own_rule, rule_for, rule_named
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, Recorded
 from cubepath.coordinator.runs.options import SPEED_MAX, RunOptions
-from cubepath.coordinator.runs.schedule import (
-    Assignment,
-    assignment_of,
-    read_schedule,
-    with_end,
-)
+from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.given import real_number, whole_number
@@ -59,9 +54,9 @@ class Plan(RunOptions):
     """A name or ``FILE.py:NAME``; module processes find it by that."""
 
     @property
-    def network(self) -> Network:
+    def network(self) -> NetworkConfig:
         """Return where the processes meet."""
-        return Network(self.listen, self.connect, self.secure, self.wait_for)
+        return NetworkConfig(self.listen, self.connect, self.secure, self.wait_for)
 
     @property
     def is_free(self) -> bool:
@@ -126,7 +121,7 @@ class Branch:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RunTask:
     """A checked plan: the scene, the rule, and the maximal number of rounds.
 
     With an `assignment` the modules follow that first, and the rule only to repair a schedule. With
@@ -147,7 +142,7 @@ class Task:
         return self.rule if self.assignment is None else SCHEDULE
 
 
-def task_of(plan: Plan) -> Task:
+def task_of(plan: Plan) -> RunTask:
     """Return the task of a plan; InputError names what cannot be run."""
     _check_types(plan)
     (_check_free if plan.is_free else _check_lockstep)(plan)
@@ -160,7 +155,7 @@ def task_of(plan: Plan) -> Task:
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     rule = _rule_of(plan, scene)
     rule_for(rule, scene, plan.clock)
-    return Task(scene, rule, most)
+    return RunTask(scene, rule, most)
 
 
 _TYPES: tuple[tuple[str, tuple[type, ...], str], ...] = (
@@ -242,11 +237,17 @@ def _with_runs(scene: Scene) -> Scene:
     return scene
 
 
-def _task_of_schedule(plan: Plan, path: Path) -> Task:
+def _task_of_schedule(plan: Plan, path: Path) -> RunTask:
     if plan.hesitate:
         raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
     if plan.rule is not None and not plan.repair:
         raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+    from cubepath.coordinator.runs.schedule_reading import (  # noqa: PLC0415 - few runs have one
+        assignment_of,
+        read_schedule,
+        with_end,
+    )
+
     schedule = read_schedule(path)
     scene = schedule.scene
     if plan.system is not None or scene is None:
@@ -260,14 +261,14 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
         most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
     rule = _rule_of(plan, scene)
     rule_named(rule, scene.system, plan.clock)  # it would go on from elsewhere in the scene
-    return Task(with_end(scene, schedule, assignment), rule, most, assignment)
+    return RunTask(with_end(scene, schedule, assignment), rule, most, assignment)
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
     return own_rule(scene) if plan.rule is None else plan.rule
 
 
-def check_topics(task: Task, plan: Plan) -> None:
+def check_topics(task: RunTask, plan: Plan) -> None:
     """Refuse a run with more topics, one for each kind and speaker, than a recording can have."""
     if plan.is_free:
         return  # two topics a process and five a keeper, of which there are fewer
@@ -281,7 +282,7 @@ def check_topics(task: Task, plan: Plan) -> None:
         )
 
 
-def file_name(plan: Plan, task: Task) -> str:
+def file_name(plan: Plan, task: RunTask) -> str:
     """Return the name of the recording of a plan that does not name one."""
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     told = task.name if task.branch is None else task.rule
@@ -304,7 +305,7 @@ def name_part(text: str) -> str:
     return re.sub(r"[^\w.]+", "-", text).strip("-.")[:_NAME_MAX]
 
 
-def parameters_of(plan: Plan, task: Task) -> dict[str, str]:
+def parameters_of(plan: Plan, task: RunTask) -> dict[str, str]:
     """Return what a recording says of the run, as far as it is known when the run begins."""
     scene = task.scene
     schedule = {} if plan.schedule is None else {"schedule": str(plan.schedule)}

@@ -21,7 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeAlias
 
-from cubepath.agents.free.fleet import BIRTHS, ON_CRASH, Births, log_of, read_births
+from cubepath.agents.free.config import ON_CRASH
+from cubepath.agents.free.fleet import BIRTHS, LogsInfo, log_of, read_births
 from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.keepers.journal import (
     Acknowledged,
@@ -35,7 +36,7 @@ from cubepath.agents.keepers.journal import (
 )
 from cubepath.agents.rules.registry import is_in_file, permitted_rule
 from cubepath.coordinator.runs.free_gatherer import Commits
-from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import locked_file, unwritable
@@ -157,7 +158,7 @@ class _Known:
         if number[-1] and number > self._told.get(key, ((), where))[0]:
             self._told[key] = number, where
 
-    def check(self, births: Births) -> None:
+    def check(self, births: LogsInfo) -> None:
         """Check that the logs, and their births, have what must be there; InputError if not."""
         for key, (birth, *_) in self._has.items():
             if key.what == _OPENED and birth >= births.birth + BIRTHS_OF_A_FLEET:
@@ -188,7 +189,7 @@ def _text(number: _Number) -> str:
 
 def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
     """Check that no log of a keeper lacks what others know of it; InputError if one does."""
-    births = read_births(folder) or Births("", 0)  # without births there are no logs
+    births = read_births(folder) or LogsInfo("", 0)  # without births there are no logs
     known = _Known(folder, recording.scene, keepers)
     for keeper in range(keepers):
         path = log_of(folder, keeper)
@@ -218,7 +219,7 @@ def keeper_logs(recording: Path) -> Path:
     return recording.with_name(recording.name + ".keepers")
 
 
-def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
+def resumed(plan: Plan, path: Path) -> tuple[Plan, RunTask, Recording]:
     """Return plan and task of the run in a recording, and the recording.
 
     InputError if its keepers' logs are not there: a run that did not fail takes them away.
@@ -262,7 +263,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
             log_time="wall" if told["log_time"] == "wall" else "level",
         )
         most = int(told["max_rounds"]) if plan.max_rounds is None else plan.max_rounds
-        return again, Task(recording.scene, rule, most), recording
+        return again, RunTask(recording.scene, rule, most), recording
     except (KeyError, ValueError, StopIteration) as error:
         raise InputError(f"{path}: its parameters are not those of a run: {error!r}") from None
 

@@ -78,7 +78,7 @@ def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Si
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class RunState:
     """The sites of the modules, by number, after a round; without rounds after a level."""
 
     round: int
@@ -91,7 +91,7 @@ class State:
     """What each of them made."""
 
 
-def states_of(recording: Recording) -> Iterator[State]:
+def states_of(recording: Recording) -> Iterator[RunState]:
     """Yield the start as round 0, and the state after each round, or without rounds each level.
 
     InputError as for `check_from_the_start`, if messages are missing in
@@ -117,7 +117,7 @@ def states_of(recording: Recording) -> Iterator[State]:
 
     try:
         for snapshot in snapshots(recording.scene, steps()):
-            yield State(*ahead[-1], snapshot.sites, snapshot.moved, snapshot.by)
+            yield RunState(*ahead[-1], snapshot.sites, snapshot.moved, snapshot.by)
     except InputError as error:
         where = f"{recording.path}: "
         raise InputError(f"{where}{str(error).removeprefix(where)}") from None

@@ -119,7 +119,7 @@ class Faults(Protocol):
         ...
 
 
-class Listed:
+class ListedFaults:
     """The faults of a list, and no others."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
@@ -149,7 +149,7 @@ class Listed:
         )
 
 
-class Drawn:
+class DrawnFaults:
     """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
 
     All that is tolerated takes less time together than the patience, so no run may end of it.
@@ -324,7 +324,7 @@ _OUTAGES_US = 40 * SECOND_US
 _Table = list[tuple[float, str]]
 
 
-class FreeDrawn:
+class FreeDrawnFaults:
     """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
 
     A seed in eight has no fault at all.
@@ -398,7 +398,7 @@ class FreeDrawn:
         return frozenset()
 
 
-class Ending:
+class FaultsForAWhile:
     """Faults that happen as long as they are not over."""
 
     def __init__(self, faults: Faults, over: Callable[[], bool]) -> None:

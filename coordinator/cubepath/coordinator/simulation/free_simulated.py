@@ -7,32 +7,35 @@ it is.
 The coordinator of a simulated run without rounds, as a node: it gathers, and decides nothing.
 
 It asks keepers for what they have committed again and again, as that of a run over zenoh does.
+
+Its journals survive their keeper, but for what was being written; every record is shown to whoever
+checks the run, once it is sure to stay.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from msgspec.structs import replace
+
+from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.mover import FreeOrders
-from cubepath.agents.keepers.journal import Journal
+from cubepath.agents.keepers.journal import Committed, FileJournal, Journal, Opened, Record
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
-from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Ending, Fault, Faults
-from cubepath.coordinator.simulation.free_journals import SimulatedFile, SimulatedJournal
+from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults, FaultsForAWhile
 from cubepath.coordinator.simulation.free_oracle import Broken, Oracle
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
+from cubepath.coordinator.simulation.scenarios import FreeScenario
 from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
-from cubepath.coordinator.simulation.trace import Trace
-from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.credentials import keeper_name, process_name
@@ -51,6 +54,108 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect, Listen, Node, Put, Timer
 from cubepath.protocol.wire.tiles import Tiles
+
+
+class SimulatedJournal:
+    """A journal in memory that can lose what was written since the last look at it."""
+
+    def __init__(self, wrote: Callable[[], None]) -> None:
+        """Begin empty; `wrote` is called for each record."""
+        self._wrote = wrote
+        self._records: list[Record] = []
+        self._commits: list[Moved] = []
+        self._looked = 0
+
+    def append(self, record: Record) -> None:
+        """Add a record."""
+        self._records.append(record)
+        self._wrote()
+        if isinstance(record, Committed) and record.decision.moved is not None:
+            self._commits.append(record.decision.moved)
+
+    def records(self) -> Iterator[Record]:
+        """Yield all records, in their order."""
+        return iter(tuple(self._records))
+
+    def commit(self, serial: int) -> Moved:
+        """Return the commit of this serial number, from 1."""
+        return self._commits[serial - 1]
+
+    def fresh(self) -> list[Record]:
+        """Return the records since this was last called."""
+        if self._looked == len(self._records):
+            return []
+        found = self._records[self._looked :]
+        self._looked = len(self._records)
+        return found
+
+    def tear(self, number: int) -> bool:
+        """Lose a fresh record, which the number decides, and all after it.
+
+        Return whether there was one.
+        """
+        fresh = len(self._records) - self._looked
+        if not fresh:
+            return False
+        self._cut(self._looked + number % fresh)
+        return True
+
+    def _cut(self, left: int) -> None:
+        for record in self._records[left:]:
+            if isinstance(record, Committed):
+                self._commits.pop()
+        del self._records[left:]
+
+    def again(self) -> SimulatedJournal:
+        """Return the journal for the next keeper."""
+        return self
+
+
+class SimulatedFile(SimulatedJournal):
+    """The same in a file, as real keepers have it, of whose torn record a part remains."""
+
+    def __init__(self, wrote: Callable[[], None], path: Path) -> None:
+        """Begin with a file that has nothing in it."""
+        super().__init__(wrote)
+        self._opened = Opened("simulated", 0, 1)
+        self._file = FileJournal(path, self._opened)
+        self._ends = [path.stat().st_size]
+
+    def append(self, record: Record) -> None:
+        """Add a record."""
+        super().append(record)
+        self._file.append(record)
+        self._ends.append(self._file.path.stat().st_size)
+
+    def records(self) -> Iterator[Record]:
+        """Yield all records as they are in the file."""
+        found = list(self._file.records())
+        if found != self._records:
+            raise CheckError(f"{self._file.path}: {len(found)} records are not those written")
+        return iter(found)
+
+    def commit(self, serial: int) -> Moved:
+        """Return the commit of this serial number, from 1."""
+        return self._file.commit(serial)
+
+    def _cut(self, left: int) -> None:
+        super()._cut(left)
+        begin, end = self._ends[left : left + 2]
+        del self._ends[left + 1 :]
+        with self._file.path.open("r+b") as file:
+            file.truncate(begin + (end - begin) // 2)
+
+    def again(self) -> SimulatedJournal:
+        """Open the file again, for the next keeper."""
+        self.close()
+        self._opened = replace(self._opened, birth=self._opened.birth + 1)
+        self._file = FileJournal(self._file.path, self._opened)
+        return self
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.__exit__()
+
 
 FETCH_S = 0.5
 
@@ -106,7 +211,7 @@ FreeOutcome = Literal["goal", "moves", "blocked"]
 
 
 @dataclass(frozen=True, slots=True)
-class FreeSimulated:
+class FreeSimulatedRun:
     """A simulated run; `failure` is None if everything held that must hold."""
 
     scenario: FreeScenario
@@ -152,7 +257,7 @@ def free_simulate(
     fault_seed: int = 0,
     trace: Trace | None = None,
     make: MakeKeeper = Keeper,
-) -> FreeSimulated:
+) -> FreeSimulatedRun:
     """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
 
     `fault_seed` is that of the small differences between delays.
@@ -161,7 +266,7 @@ def free_simulate(
         run = _Run(scenario, faults, fault_seed, trace, make, stack)
         failure = run.play()
     network = run.network
-    return FreeSimulated(
+    return FreeSimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
         moves=run.oracle.state.moves,
@@ -198,7 +303,9 @@ class _Run:
         self._moves = self._moves_then = self._ticks = 0
         self._make = make
         self._tiles = Tiles(self.scene.system, scenario.keepers)
-        self.network = Network(Ending(faults, lambda: self.phase != "faults"), fault_seed, trace)
+        self.network = SimulatedNetwork(
+            FaultsForAWhile(faults, lambda: self.phase != "faults"), fault_seed, trace
+        )
         self._modules_of = dealt(self.scene, scenario.processes)
         self._births = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}
@@ -246,7 +353,7 @@ class _Run:
         scenario = self.scenario
         self._births[process] += 1
         factors = scenario.factors
-        orders = FreeOrders(
+        config = FreeProcessConfig(
             endpoint="",
             run=RUN,
             process=process,
@@ -260,7 +367,7 @@ class _Run:
             speeds={module: factors[module % len(factors)] for module in self._modules_of[process]},
             jitter=_JITTER,
         )
-        node = FreeHostNode(orders, self.scene)
+        node = FreeHostNode(config, self.scene)
         self._hosts[name] = node
         return node
 
@@ -270,7 +377,7 @@ class _Run:
             self.network.run(_STEPS_MAX, 10**15)
         except Broken as broken:
             return Failure(broken.kind, str(broken))
-        except RanAway as error:
+        except EndlessRun as error:
             return Failure("liveness", f"{error}, {self._where()}")
         except NodeError as error:
             return Failure("raised", str(error))

@@ -3,6 +3,9 @@
 One thread and a heap of events, ordered by time and then by a number; nothing depends on the clock,
 a hash or the order of a set. A message goes from its putter to the router and from there to every
 listener but the putter. Links keep the order of messages unless a fault says otherwise.
+
+What happens is kept in order as a trace, from which pictures are drawn: the same seed gives the
+same trace.
 """
 
 from __future__ import annotations
@@ -11,12 +14,59 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, SLOW_MESSAGES, Fault, Faults
-from cubepath.coordinator.simulation.trace import Arrow, Fate, Remark, Span, Trace
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
+
+Fate: TypeAlias = Literal["arrived", "lost", "second"]
+"""What became of a message on its way to one receiver; "second" is the copy of another."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """One message on its way to one receiver; a message lost before the router has no receiver.
+
+    `end_us` is when it arrived, or when it was lost.
+    """
+
+    begin_us: int
+    end_us: int
+    sender: str
+    receiver: str | None
+    key: str
+    data: bytes
+    fate: Fate
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A fault of a process or of the router, from when to when; without an end it is a crash."""
+
+    begin_us: int
+    end_us: int | None
+    who: str
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something that a process did at one moment, as its end."""
+
+    at_us: int
+    who: str
+    text: str
+
+
+@dataclass(slots=True)
+class Trace:
+    """Everything that happened, in the order in which it was known."""
+
+    arrows: list[Arrow] = field(default_factory=list)
+    spans: list[Span] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
+
 
 HOP_US = 100
 """How long a message takes to the router, or from it, at least; up to twice as long."""
@@ -43,7 +93,7 @@ Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
 """Told of the number of a process that has died, from 0, and the error; None for a signal."""
 
 
-class RanAway(Exception):  # noqa: N818 - named for what happened
+class EndlessRun(Exception):  # noqa: N818 - named for what happened
     """A simulated run did not come to its end within its steps or its virtual time."""
 
 
@@ -93,7 +143,7 @@ class _Letter:
     router_life: int
 
 
-class Network:
+class SimulatedNetwork:
     """Processes and the router between them; `run` carries out what happens, in order."""
 
     def __init__(self, faults: Faults, seed: int, trace: Trace | None = None) -> None:
@@ -183,12 +233,12 @@ class Network:
         """
         while not self._over:
             if not self._events:
-                raise RanAway(f"nothing more happens after {self._clock()}")
+                raise EndlessRun(f"nothing more happens after {self._clock()}")
             time_us, _, act, given = heappop(self._events)
             self.now_us = time_us
             self.steps += 1
             if self.steps > most_steps or time_us > most_us:
-                raise RanAway(f"no end after {self.steps} steps, {self._clock()}")
+                raise EndlessRun(f"no end after {self.steps} steps, {self._clock()}")
             act(*given)
             if self._after is not None:
                 self._after()

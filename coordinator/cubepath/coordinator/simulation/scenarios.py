@@ -1,6 +1,7 @@
 """What a seed stands for: a system, a rule, modules in processes, and the rounds that they have.
 
 Instances are small, so that a run takes some hundredths of a second; one in twenty is larger.
+Under the free clock there are keepers as well.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from math import ceil, sqrt
 from random import Random
 from typing import Literal
 
-from cubepath.agents.rules.registry import fitting_rules, rule_for, rule_named, rules
+from cubepath.agents.rules.registry import BUILT_IN, fitting_rules, rule_for, rule_named, rules
+from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import all_families
@@ -89,7 +91,7 @@ _ALWAYS_LARGE = frozenset(("arms",))
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ScenarioOptions:
     """What is the same for all seeds; None is drawn."""
 
     system: str | None = None
@@ -109,7 +111,7 @@ class Asked:
         return [*words, "--clock", self.clock] if self.clock != "lockstep" else words
 
 
-ANYTHING = Asked()
+ANYTHING = ScenarioOptions()
 """Nothing is asked for: everything is drawn."""
 
 
@@ -164,7 +166,7 @@ def built(spec: str) -> Scene:
     return scene
 
 
-def check(asked: Asked) -> None:
+def check(asked: ScenarioOptions) -> None:
     """Raise InputError if nothing can be simulated that is asked for."""
     if asked.liars and asked.clock != "lockstep":
         raise InputError(f"--liars with --clock {asked.clock}: expected --clock lockstep")
@@ -189,7 +191,7 @@ def check(asked: Asked) -> None:
         )
 
 
-def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
+def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     """Return the run that a seed stands for."""
     random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
     spec = drawn_system(asked, random)
@@ -208,7 +210,7 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
 
 
 def drawn_system(
-    asked: Asked,
+    asked: ScenarioOptions,
     random: Random,
     small: Sequence[int] = _SMALL,
     instances: Mapping[str, Instance] = INSTANCES,
@@ -236,3 +238,116 @@ def _families_for(rule: str | None, clock: str, *, large: bool) -> list[str]:
     if rule is not None:
         names = [name for name in names if rule in fitting_rules(built(name), clock, foreign=True)]
     return names
+
+
+_FREE_SMALL = (3, 4, 5, 6, 7, 8)
+_KEEPERS = (2, 3, 3, 4, 5, 6)
+_FREE_HESITATE = (0.0, 0.0, 0.0, 0.1, 0.5)
+_ALONE = 0.8
+"""How probable it is that each module has a process of its own."""
+_FACTORS = (0.0, 0.0, 0.0, 1.0, 3.0, 10.0, 40.0)
+"""How slowly modules think."""
+_MOVES, _LONG_S = (5, 40), (0.5, 20.0)
+"""After how many moves, and how many seconds at most, there are no more faults."""
+_STRIPS = 0.6
+_FILES = 1 / 32
+"""How probable it is that keepers have their journals in files."""
+
+
+def _free_vehicles(name: str) -> Instance:
+    def spec(modules: int, random: Random) -> str:
+        if random.random() < _STRIPS:
+            return f"{name}:graph=grid2x{max(6, modules + modules // 2 + 1)},n={modules}"
+        return INSTANCES[name](modules, random)
+
+    return spec
+
+
+FREE_INSTANCES: Mapping[str, Instance] = {
+    **INSTANCES,
+    "agv": _free_vehicles("agv"),
+    "agv-labelled": _free_vehicles("agv-labelled"),
+}
+"""Of vehicles many are in strips that are crowded, and lie across several tiles."""
+
+
+@dataclass(frozen=True, slots=True)
+class FreeScenario:
+    """One run, without its faults."""
+
+    system: str
+    rule: str
+    processes: int
+    keepers: int
+    hesitate: float
+    factors: tuple[float, ...]
+    """How slowly modules think, in turn."""
+    moves: int
+    """After so many moves there are no more faults."""
+    long_us: int
+    """After this time, too."""
+    files: bool
+    seed: int
+    ends_at_goal: bool | None = None
+    """Whether the run ends at its goal, and else when its faults are over, as in an experiment;
+    None if that follows from the rule, and whatever is left has to be done after the faults."""
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene; one that was built before is built no more."""
+        return built(self.system)
+
+    @property
+    def to_goal(self) -> bool:
+        """Return whether the rule moves towards a goal; those of other people may not."""
+        if self.ends_at_goal is not None:
+            return self.ends_at_goal
+        return self.rule in BUILT_IN and self.rule != "random"
+
+    def smaller(self) -> list[FreeScenario]:
+        """Return scenarios like this with less in them, the smallest first."""
+        family, count = self.system.partition(":")[0], len(self.scene.start)
+        found: list[FreeScenario] = []
+        for modules in range(1, count) if family in FREE_INSTANCES else ():
+            try:
+                spec = FREE_INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
+                scene = built(spec)
+                rule_named(self.rule, scene.system, "free")
+            except InputError:
+                continue
+            if len(scene.start) < count and not scene.reached(scene.start):
+                processes = min(self.processes, len(scene.start))
+                found.append(replace(self, system=spec, processes=processes))
+        found += (replace(self, processes=number) for number in range(1, self.processes))
+        return [*found, *(replace(self, keepers=number) for number in range(1, self.keepers))]
+
+    def shorter(self, moves: int) -> list[FreeScenario]:
+        """Return scenarios like this with fewer moves under faults than a run had."""
+        numbers = sorted({1, 2, 3, moves // 4, moves // 2, moves - 1, moves})
+        return [replace(self, moves=most) for most in numbers if 0 < most < self.moves]
+
+    def plainer(self) -> list[FreeScenario]:
+        """Return scenarios like this with nothing that makes modules differ."""
+        plain = replace(self, hesitate=0.0, factors=(0.0,), files=False)
+        return [] if plain == self else [plain]
+
+
+def free_scenario_of(seed: int, asked: ScenarioOptions) -> FreeScenario:
+    """Return the run that a seed stands for."""
+    random = Random(f"{seed}/free scenario")  # noqa: S311 - not for secrets
+    spec = drawn_system(asked, random, _FREE_SMALL, FREE_INSTANCES)
+    scene = built(spec)
+    modules = len(scene.start)
+    alone = random.random() < _ALONE
+    return FreeScenario(
+        system=spec,
+        rule=asked.rule or random.choice(fitting_rules(scene, "free", foreign=True)),
+        processes=min(modules, 8) if alone else random.randint(1, min(modules, 8)),
+        keepers=random.choice(_KEEPERS),
+        hesitate=random.choice(_FREE_HESITATE),
+        factors=tuple(random.choice(_FACTORS) for _ in range(random.choice((1, 2, 5)))),
+        moves=random.randint(*_MOVES),
+        long_us=int(between(random, *_LONG_S) * SECOND_US),
+        files=random.random() < _FILES,
+        seed=random.randrange(1 << 16),
+    )

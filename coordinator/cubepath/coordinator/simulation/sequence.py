@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.runs.drawing import save_figure
 from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US
-from cubepath.coordinator.simulation.trace import Arrow, Trace
+from cubepath.coordinator.simulation.network import Arrow, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,7 +2,8 @@
 
 A run without faults is played in the environment as well, in one process and by other code: the
 edge path must be the same, and of a run that was ended by a fault it must be the beginning of that.
-The recording of every run must pass `verify`.
+The recording of every run must pass `verify`. Its coordinator is one node, which does what a run
+over zenoh does between the pacing node and the conductor.
 """
 
 from __future__ import annotations
@@ -19,19 +20,17 @@ import msgspec
 
 from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import Played
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
-from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, Ending
-from cubepath.coordinator.simulation.coordinator import Coordinator
 from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
 from cubepath.coordinator.simulation.liars import Liar
-from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
@@ -40,7 +39,71 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
-from cubepath.protocol.wire.nodes import Node
+from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
+
+Keeps: TypeAlias = Callable[[bytes, Message], None]
+
+
+class Coordinator:
+    """Paces the processes round by round until the run has come to its end."""
+
+    def __init__(self, pacer: Pacer, conductor: Conductor, record: Keeps) -> None:
+        """Begin; `record` is given what belongs on record."""
+        self.ending: Ending | None = None
+        """How the run has ended; None while it goes on."""
+        self._pacer = pacer
+        self._conductor = conductor
+        self._record = record
+
+    def start(self) -> list[Effect]:
+        """Wait for the processes."""
+        return self._guarded(self._pacer.start)
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message."""
+        return self._guarded(lambda: self._pacer.receive(key, data))
+
+    def tick(self) -> list[Effect]:
+        """Take note that the timer has run out."""
+        return self._guarded(self._pacer.tick)
+
+    def died(self, process: int, error: CubepathError | None) -> list[Effect]:
+        """End the run since a process has died, of an error or of a signal."""
+        if error is None:
+            error = self._pacer.died(process, "killed by signal 9")
+        return self._ended(self._conductor.failed(str(error)))
+
+    def _guarded(self, do: Callable[[], list[Effect]]) -> list[Effect]:
+        try:
+            return self._go_on(do())
+        except CubepathError as error:
+            return self._ended(self._conductor.failed(str(error)))
+
+    def _go_on(self, effects: list[Effect]) -> list[Effect]:
+        """Keep what belongs on record; begin the next round when one is over, or end the run."""
+        done: list[Effect] = []
+        while True:
+            self._keep(effects)
+            done += effects
+            if not self._pacer.idle:
+                return done
+            ending = self._conductor.between(self._pacer.round, lambda: None)
+            if ending is not None:
+                return [*done, *self._ended(ending)]
+            effects = self._pacer.begin_round()
+
+    def _ended(self, ending: Ending) -> list[Effect]:
+        self.ending = ending
+        effects = self._pacer.stop()
+        self._keep(effects)
+        return [*effects, End()]
+
+    def _keep(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Keep):
+                self._record(effect.data, effect.message)
+                self._conductor.hear(effect.message)
+
 
 RUN = "simulated"
 COORDINATOR = "coordinator"
@@ -50,7 +113,7 @@ _START_US, _NEXT_START_US = 500, 50
 before it starts them."""
 LIE = "lie"
 """How a run came out that liars have ended."""
-MakeNode = Callable[[Orders, Scene], Node]
+MakeNode = Callable[[ProcessConfig, Scene], Node]
 """Makes the node of a module process; tests give nodes with a bug in them."""
 
 _STEPS_MAX, _STEPS_A_ROUND = 50_000, 3_000
@@ -76,7 +139,7 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulatedRun:
     """A simulated run; `failure` is None if everything held that must hold."""
 
     scenario: Scenario
@@ -108,9 +171,9 @@ class Simulated:
         return next((kind for kind in kinds if kind in ENDING), lie)
 
 
-def host_node(orders: Orders, scene: Scene) -> Node:
+def host_node(config: ProcessConfig, scene: Scene) -> Node:
     """Return the node of a module process, as a real one has it."""
-    return HostNode(orders, scene)
+    return HostNode(config, scene)
 
 
 def process_names(scenario: Scenario) -> list[str]:
@@ -125,7 +188,7 @@ def simulate(
     fault_seed: int = 0,
     trace: Trace | None = None,
     make: MakeNode = host_node,
-) -> Simulated:
+) -> SimulatedRun:
     """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
 
     `fault_seed` is that of the small differences between delays.
@@ -133,7 +196,7 @@ def simulate(
     run = _Run(scenario, faults, fault_seed, trace, make)
     failure = run.play()
     network = run.network
-    return Simulated(
+    return SimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
         ending=run.ending,
@@ -160,7 +223,7 @@ class _Run:
         self.scene = scenario.scene
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: Ending | None = None
-        self.network = Network(faults, fault_seed, trace)
+        self.network = SimulatedNetwork(faults, fault_seed, trace)
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(
             self.scene,
@@ -246,8 +309,8 @@ class _Run:
         try:
             network.add(COORDINATOR, lambda: self._coordinator)
             for process, modules in enumerate(self._modules_of):
-                orders = self._orders(process, modules)
-                make = partial(self._node, orders)
+                config = self._config(process, modules)
+                make = partial(self._node, config)
                 network.add(f"process_{process}", make, _START_US + process * _NEXT_START_US)
             network.on_death(self._coordinator.died)
             network.run(
@@ -255,15 +318,15 @@ class _Run:
             )
         except NodeError as error:
             return Failure("raised", str(error))
-        except RanAway as error:
+        except EndlessRun as error:
             return Failure("ran away", str(error))
         finally:
             self.ending = self._coordinator.ending
         return None
 
-    def _node(self, orders: Orders) -> Node:
+    def _node(self, config: ProcessConfig) -> Node:
         """Return the node of a process, which may be a liar."""
-        node, name = self._make(orders, self.scene), f"process_{orders.process}"
+        node, name = self._make(config, self.scene), f"process_{config.process}"
         if name not in self._faults.liars:
             return node
         return Liar(
@@ -283,8 +346,8 @@ class _Run:
             fault.where.removesuffix(SAYS) for fault in self.network.fired if fault.kind in LIES
         )
 
-    def _orders(self, process: int, modules: list[int]) -> Orders:
-        return Orders(
+    def _config(self, process: int, modules: list[int]) -> ProcessConfig:
+        return ProcessConfig(
             endpoint="",
             run=RUN,
             process=process,

@@ -1,58 +1,216 @@
 """Many seeds, each a run with faults of its own: what came of them, and the failing ones kept.
 
-A failing seed is shrunk; what is left of it is written as a recording, with a picture of its
-messages.
-
-Seeds of runs with rounds: the run that one stands for, and what is kept of a failing one.
-
-Seeds of runs without rounds: the run that one stands for, and what is kept of a failing one.
+A failing run is made small: fewer modules, fewer rounds and fewer faults, as long as it fails so.
+The faults of a run are a list, so taking one away leaves the others where they are: first halves of
+the list are tried, then smaller parts (delta debugging, Zeller, 1999). What is left is written as a
+recording, with a picture of its messages. Runs with rounds and without have seeds of their own.
 """
 
 from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, Generic, Protocol, Self, TypeAlias, TypeVar
 
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.coordinator.simulation.faults import (
     FREE_KINDS,
     KINDS,
-    Drawn,
+    DrawnFaults,
+    Fault,
     Faults,
-    FreeDrawn,
-    Listed,
+    FreeDrawnFaults,
+    ListedFaults,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
 from cubepath.coordinator.simulation.free_simulated import (
-    FreeSimulated,
+    FreeSimulatedRun,
     MakeKeeper,
     free_simulate,
     host_names,
     keeper_names,
 )
-from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked, Scenario, scenario_of
+from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.scenarios import (
+    ANYTHING,
+    FreeScenario,
+    Scenario,
+    ScenarioOptions,
+    free_scenario_of,
+    scenario_of,
+)
 from cubepath.coordinator.simulation.sequence import sequence_picture
-from cubepath.coordinator.simulation.shrinking import shrunk
 from cubepath.coordinator.simulation.simulated import (
     COORDINATOR,
     LIE,
     PATIENCE_US,
     MakeNode,
-    Simulated,
+    SimulatedRun,
     host_node,
     process_names,
     simulate,
 )
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.free_messages import Asks, Passes, Tells, decode_free, free_kind
 from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
+
+_RUNS_MAX = 250
+"""How many runs are tried in all."""
+_DRAWS = 12
+"""How often faults are drawn anew for a scenario with fewer modules."""
+
+
+class Failed(Protocol):
+    """What did not hold of a run."""
+
+    @property
+    def kind(self) -> str:
+        """Return the kind by which failures are the same."""
+        ...
+
+
+class Shrinkable(Protocol):
+    """What a seed stands for."""
+
+    def smaller(self) -> Sequence[Self]:
+        """Return the same with fewer modules and processes, the smallest first."""
+        ...
+
+    def shorter(self, long: int) -> Sequence[Self]:
+        """Return the same with less to do than a run of this length did."""
+        ...
+
+    def plainer(self) -> Sequence[Self]:
+        """Return the same with fewer peculiarities."""
+        ...
+
+
+class ShrinkableRun(Protocol):
+    """A run that may have failed."""
+
+    @property
+    def scenario(self) -> Any:
+        """Return what it was of."""
+        ...
+
+    @property
+    def fired(self) -> tuple[Fault, ...]:
+        """Return the faults that came to pass."""
+        ...
+
+    @property
+    def failure(self) -> Failed | None:
+        """Return what did not hold, if anything."""
+        ...
+
+    @property
+    def long(self) -> int:
+        """Return how much it did, in rounds or moves."""
+        ...
+
+
+_Run = TypeVar("_Run", bound=ShrinkableRun)
+Play = Callable[[Any, Faults], _Run]
+"""Simulates a scenario under faults."""
+Draw = Callable[[Any, str], Faults]
+"""Draws faults for a scenario, from a text."""
+
+
+class _Shrinking(Generic[_Run]):
+    """The smallest failing run so far, and how many more may be tried."""
+
+    def __init__(self, found: _Run, play: Play[_Run], draw: Draw) -> None:
+        self.best = found
+        self.left = _RUNS_MAX
+        self._play = play
+        self._draw = draw
+
+    def fails(self, scenario: Shrinkable, faults: Faults) -> bool:
+        """Try a run; return whether it fails in the same way, and take it if it does."""
+        if self.left == 0:
+            return False
+        self.left -= 1
+        tried = self._play(scenario, faults)
+        if (tried.failure and tried.failure.kind) != (self.best.failure and self.best.failure.kind):
+            return False
+        self.best = tried
+        return True
+
+    def shorter(self) -> None:
+        for scenario in self.best.scenario.shorter(max(1, self.best.long)):
+            if self.fails(scenario, ListedFaults(self.best.fired)):
+                return
+
+    def plainer(self) -> None:
+        for scenario in self.best.scenario.plainer():
+            if self.fails(scenario, ListedFaults(self.best.fired)):
+                return
+
+    def fewer_modules(self) -> None:
+        for scenario in self.best.scenario.smaller():
+            if any(self.fails(scenario, faults) for faults in self._faults_for(scenario)):
+                return
+
+    def _faults_for(self, scenario: Shrinkable) -> Iterable[Faults]:
+        fired = self.best.fired
+        yield ListedFaults(fired)
+        for number in range(_DRAWS if fired else 0):
+            yield self._draw(scenario, f"{number}/smaller")
+
+    def fewer_faults(self) -> None:
+        if self.best.fired and self.fails(self.best.scenario, ListedFaults(())):
+            return
+        for kind in sorted({fault.kind for fault in self.best.fired}):
+            self._without(kind)
+        parts = 2
+        while len(self.best.fired) > 1 and self.left:
+            size = -(-len(self.best.fired) // parts)
+            if any(self._drop(start, size) for start in range(0, len(self.best.fired), size)):
+                parts = max(2, parts - 1)
+            elif size == 1:
+                break
+            else:
+                parts = min(2 * parts, len(self.best.fired))
+        fired = self.best.fired
+        if len(fired) > 1:
+            any(self._keep([fault]) for fault in fired)
+
+    def _without(self, kind: str) -> bool:
+        return self._keep([fault for fault in self.best.fired if fault.kind != kind])
+
+    def _drop(self, start: int, size: int) -> bool:
+        return self._keep([*self.best.fired[:start], *self.best.fired[start + size :]])
+
+    def _keep(self, kept: Sequence[Fault]) -> bool:
+        """Try with these faults only; what then happens may be fewer, but not more."""
+        before = self.best
+        if self.fails(before.scenario, ListedFaults(kept)) and len(self.best.fired) < len(
+            before.fired
+        ):
+            return True
+        self.best = before
+        return False
+
+
+def shrunk(found: _Run, play: Play[_Run], draw: Draw) -> _Run:
+    """Return the smallest run found that fails in the same way as a failing run."""
+    if found.failure is None:
+        raise ValueError("a run that holds has nothing to shrink")
+    shrinking = _Shrinking(found, play, draw)
+    while shrinking.left:
+        before = shrinking.best
+        shrinking.shorter()
+        shrinking.fewer_modules()
+        shrinking.fewer_faults()
+        shrinking.plainer()
+        if shrinking.best is before:
+            break
+    return shrinking.best
+
 
 OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "failure")
 """How a run can come out: it ends as without faults in the first three, or by one, or it fails."""
@@ -65,19 +223,19 @@ class Lockstep:
     outcomes = OUTCOMES
     unit = "rounds"
 
-    def __init__(self, asked: Asked = ANYTHING, make: MakeNode = host_node) -> None:
+    def __init__(self, asked: ScenarioOptions = ANYTHING, make: MakeNode = host_node) -> None:
         """Draw what is not asked for; `make` makes the nodes of module processes."""
         self.asked = asked
         self._make = make
 
-    def run_of(self, seed: int) -> Simulated:
+    def run_of(self, seed: int) -> SimulatedRun:
         """Simulate the run that a seed stands for, with the faults that are drawn from it."""
         scenario = scenario_of(seed, self.asked)
         return self.play(seed, scenario, self._drawn(scenario, f"{seed}/faults", f"{seed}/lies"))
 
     def play(
         self, seed: int, scenario: Scenario, faults: Faults, trace: Trace | None = None
-    ) -> Simulated:
+    ) -> SimulatedRun:
         """Simulate a scenario with these faults."""
         return simulate(scenario, faults, fault_seed=seed, trace=trace, make=self._make)
 
@@ -88,13 +246,13 @@ class Lockstep:
     def _drawn(self, scenario: Scenario, faults: str, lies: str) -> Faults:
         random = Random(faults)  # noqa: S311 - not for secrets
         liars = Random(lies) if self.asked.liars else None  # noqa: S311 - not for secrets
-        return Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, liars)
+        return DrawnFaults(random, COORDINATOR, process_names(scenario), PATIENCE_US, liars)
 
     def names(self, scenario: Scenario) -> list[str]:
         """Return the names of the processes."""
         return [COORDINATOR, *process_names(scenario)]
 
-    def write(self, run: Simulated, log: Path, why: str) -> bool:
+    def write(self, run: SimulatedRun, log: Path, why: str) -> bool:
         """Write the recording of a run; return whether there is one."""
         recording = run.recording
         parameters = {**recording.parameters, "simulated": why}
@@ -127,7 +285,7 @@ def label(data: bytes) -> str:
             return f"{kind_of(message)} {message.round}"
 
 
-WITHOUT_ROUNDS = Asked(clock="free")
+WITHOUT_ROUNDS = ScenarioOptions(clock="free")
 """Nothing else is asked for: everything is drawn."""
 FREE_OUTCOMES = ("goal", "moves", "blocked", "failure")
 """How a run can come out: at its goal, or with moves enough; nothing could move but for the dead,
@@ -141,32 +299,32 @@ class Free:
     outcomes = FREE_OUTCOMES
     unit = "moves"
 
-    def __init__(self, asked: Asked = WITHOUT_ROUNDS, make: MakeKeeper = Keeper) -> None:
+    def __init__(self, asked: ScenarioOptions = WITHOUT_ROUNDS, make: MakeKeeper = Keeper) -> None:
         """Draw what is not asked for; `make` makes keepers."""
         self.asked = asked
         self._make = make
 
-    def run_of(self, seed: int) -> FreeSimulated:
+    def run_of(self, seed: int) -> FreeSimulatedRun:
         """Simulate the run that a seed stands for, with the faults that are drawn from it."""
         scenario = free_scenario_of(seed, self.asked)
         return self.play(seed, scenario, self.draw(seed, scenario, "free faults"))
 
     def play(
         self, seed: int, scenario: FreeScenario, faults: Faults, trace: Trace | None = None
-    ) -> FreeSimulated:
+    ) -> FreeSimulatedRun:
         """Simulate a scenario with these faults."""
         return free_simulate(scenario, faults, fault_seed=seed, trace=trace, make=self._make)
 
     def draw(self, seed: int, scenario: FreeScenario, text: str) -> Faults:
         """Draw faults for a seed."""
         random = Random(f"{seed}/{text}")  # noqa: S311 - not for secrets
-        return FreeDrawn(random, host_names(scenario), keeper_names(scenario))
+        return FreeDrawnFaults(random, host_names(scenario), keeper_names(scenario))
 
     def names(self, scenario: FreeScenario) -> list[str]:
         """Return the names of the processes."""
         return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
 
-    def write(self, _run: FreeSimulated, log: Path, _why: str) -> bool:
+    def write(self, _run: FreeSimulatedRun, log: Path, _why: str) -> bool:
         """Write no recording, only make the folder: what was said is in the picture."""
         log.parent.mkdir(parents=True, exist_ok=True)
         return False
@@ -185,7 +343,7 @@ _SAME_NAMES_MAX = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class KeptRun:
     """A failing seed: what failed, the command that replays it, and the files of its remainder."""
 
     seed: int
@@ -220,9 +378,9 @@ class Tally:
     virtual_seconds: float = 0.0
     faults: Counter[str] = field(default_factory=Counter)
     outcomes: Counter[str] = field(default_factory=Counter)
-    failed: list[Kept] = field(default_factory=list)
+    failed: list[KeptRun] = field(default_factory=list)
 
-    def add(self, run: Simulated | FreeSimulated) -> None:
+    def add(self, run: SimulatedRun | FreeSimulatedRun) -> None:
         """Count a run."""
         self.seeds += 1
         self.steps += run.steps
@@ -247,7 +405,7 @@ class Tally:
         }
 
 
-def simulator_of(asked: Asked) -> Simulator:
+def simulator_of(asked: ScenarioOptions) -> Simulator:
     """Return what simulates the runs that are asked for."""
     return Free(asked) if asked.clock == "free" else Lockstep(asked)
 
@@ -258,7 +416,7 @@ def simulate_seeds(
     tally: Tally,
     *,
     failing: Callable[[int], object] | None = None,
-) -> Iterator[Kept | None]:
+) -> Iterator[KeptRun | None]:
     """Simulate the seeds one by one and count them; yield for each what was kept, if it failed.
 
     `failing` is called with a seed that fails before it is shrunk.
@@ -289,12 +447,12 @@ def small(found: Any, seed: int, simulator: Any) -> Any:
     return shrunk(found, play, draw)
 
 
-def command_of(seed: int, asked: Asked) -> str:
+def command_of(seed: int, asked: ScenarioOptions) -> str:
     """Return the command that simulates this seed alone."""
     return shlex.join(["cubepath", "simulate", "--seeds", f"{seed}..{seed}", *asked.arguments()])
 
 
-def keep(run: Any, seed: int, folder: Path, simulator: Any) -> Kept:
+def keep(run: Any, seed: int, folder: Path, simulator: Any) -> KeptRun:
     """Write a failing run as a recording, if it has one, with pictures of its messages beside it.
 
     InputError or CheckError if they cannot be written.
@@ -305,13 +463,13 @@ def keep(run: Any, seed: int, folder: Path, simulator: Any) -> Kept:
     title = f"seed {seed}: {run.failure.detail}"
     recorded = simulator.write(run, log, title)
     trace = Trace()
-    simulator.play(seed, run.scenario, Listed(run.fired), trace)
+    simulator.play(seed, run.scenario, ListedFaults(run.fired), trace)
     # Not the name of the log alone: that is where `cubepath view` draws the states.
     pictures = tuple(log.with_name(f"{log.stem}-messages{kind}") for kind in (".svg", ".png"))
     names = simulator.names(run.scenario)
     for picture in pictures:
         sequence_picture(trace, names, picture, title=_short(title), label=simulator.label)
-    return Kept(
+    return KeptRun(
         seed=seed,
         kind=run.failure.kind,
         detail=run.failure.detail,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import TypeAlias
 
-from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.log import pattern_of
@@ -31,7 +31,7 @@ Who: TypeAlias = "str | int"
 class ProcessFaults(Wire):
     """The processes of a run under test, ours and those of others, by their names."""
 
-    run: Running
+    run: Run
     commands: dict[str, Command]
 
     def __init__(self, *, links: bool | Collection[str]) -> None:

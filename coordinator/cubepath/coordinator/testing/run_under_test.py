@@ -20,10 +20,10 @@ from typing import Any, NoReturn, Self, TypeAlias
 from msgspec.json import encode
 
 from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.running import Running
-from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
@@ -249,7 +249,7 @@ class RunUnderTest(ProcessFaults):
         elif line.endswith(_MENDED):
             self._wounded.discard(died[1])
 
-    def _hear(self, overheard: Overheard) -> None:
+    def _hear(self, overheard: TappedMessage) -> None:
         message = overheard.message
         if self._parts and message is self._parts[0]:  # they follow the message that brings them
             self._parts.popleft()
@@ -350,7 +350,7 @@ class RunUnderTest(ProcessFaults):
         end = time.monotonic() + patience
         why = ""
 
-        def over(_: Running) -> bool:
+        def over(_: Run) -> bool:
             nonlocal why
             if self._unexpected or self._raised is not None or what(self):
                 return True

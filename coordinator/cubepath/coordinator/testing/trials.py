@@ -20,12 +20,11 @@ from cubepath.coordinator.simulation.faults import (
     SECOND_US,
     STARTS,
     Fault,
-    Listed,
+    ListedFaults,
 )
-from cubepath.coordinator.simulation.free_scenarios import FreeScenario
-from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
-from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
+from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
+from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
@@ -63,8 +62,8 @@ class Trial:
         if isinstance(self.scenario, FreeScenario):
             if make is not host_node:
                 raise InputError("make: only for runs with rounds (clock=lockstep)")
-            return TrialResult(self, free_simulate(self.scenario, Listed(self.faults)))
-        return TrialResult(self, simulate(self.scenario, Listed(self.faults), make=make))
+            return TrialResult(self, free_simulate(self.scenario, ListedFaults(self.faults)))
+        return TrialResult(self, simulate(self.scenario, ListedFaults(self.faults), make=make))
 
     def check(self, make: MakeNode = host_node) -> TrialResult:
         """Simulate the run, and check that everything holds; AssertionError tells what does not.
@@ -84,7 +83,7 @@ class TrialResult:
     """What came of a trial."""
 
     trial: Trial
-    run: Simulated | FreeSimulated
+    run: SimulatedRun | FreeSimulatedRun
 
     @property
     def fired(self) -> tuple[Fault, ...]:
@@ -109,7 +108,7 @@ class TrialResult:
     @property
     def log(self) -> RunLog:
         """Return the log of a run with rounds; InputError for one without, which keeps none."""
-        if isinstance(self.run, FreeSimulated):
+        if isinstance(self.run, FreeSimulatedRun):
             raise InputError("log: a simulated run without rounds keeps none, expected lockstep")
         return RunLog(self.run.recording)
 
@@ -139,7 +138,7 @@ class TrialResult:
         ]
         if len(self.fired) > _FAULTS_SHOWN:
             lines.append(f"and {len(self.fired) - _FAULTS_SHOWN} more faults")
-        if isinstance(self.run, Simulated):
+        if isinstance(self.run, SimulatedRun):
             said = [seen for seen in self.log.all_deliveries if seen.kind not in RESULTS]
             lines.append(table(said, title="the last messages"))
         raise AssertionError("\n".join(lines))

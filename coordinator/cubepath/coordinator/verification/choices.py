@@ -2,7 +2,7 @@
 
 Part of `cubepath verify`: states, sites and notes are those that verification derives or reads; of
 a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`, and
-how sites are encoded). It asks no rule: whoever has rules is a `Player`.
+how sites are encoded). It asks no rule: whoever has rules is a `RoundPlayer`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.verification.rounds import NOTE_MIN, is_admissible, is_note
-from cubepath.coordinator.verification.transcript import Round, Transcript
+from cubepath.coordinator.verification.transcript import RecordedRound, Transcript
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene, System
@@ -35,10 +35,10 @@ class Moment(NamedTuple):
     """Where each module stands."""
     state: frozenset[Site]
     """What is on, occupied obstacles included."""
-    said: Round
+    said: RecordedRound
 
 
-class Player(Protocol):
+class RoundPlayer(Protocol):
     """Asks the rules of a run again, round by round from the first on."""
 
     def round(self, moment: Moment, transcript: Transcript, fail: Callable[[str], None]) -> None:

@@ -1,7 +1,9 @@
 """How a run ended: whether it went on as long as it had to, and no longer, and said why.
 
 Part of `cubepath verify`. After each round it is derived whether the run had to end there: a module
-gave up, the schedule stopped, the goal was reached, or the rounds were over.
+gave up, the schedule stopped, the goal was reached, or the rounds were over. A schedule on record
+is compared with the reports, up to where it stopped; none of the code that assigned the moves is
+used.
 """
 
 from __future__ import annotations
@@ -12,16 +14,25 @@ from typing import NamedTuple
 
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import max_rounds_in, processes_of
-from cubepath.coordinator.verification.transcript import Fail, Round, Transcript
+from cubepath.coordinator.verification.transcript import (
+    Fail,
+    Made,
+    RecordedRound,
+    ScheduledRound,
+    Transcript,
+    site_in,
+)
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Stopped, Summary
 
 CHECK = "ended"
 _GAVE_UP = re.compile(r"module_\d+: ")
 _DIED = re.compile(r"\(process (\d+)\) died in round (\d+): ")
+_NOTHING = ScheduledRound(frozenset(), ())
 _LATE = re.compile(r"no answer within \S+ s to phase (\w+) of round (\d+) from ")
 
 
@@ -34,7 +45,7 @@ class _Outcome(NamedTuple):
     reached: bool
 
 
-class Course:
+class OutcomeCheck:
     """The course of a run: at the end, whether it ended where and how it had to."""
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
@@ -55,7 +66,7 @@ class Course:
         if last.gave_up or last.reached or last.round in (self._most, self._cubes, 0):
             self._ends.append(last)
 
-    def round(self, number: int, said: Round, sites: Iterable[Site]) -> None:
+    def round(self, number: int, said: RecordedRound, sites: Iterable[Site]) -> None:
         """Take a complete round, with where the modules stand after it."""
         gave_up = (
             (module, report.failed)
@@ -171,3 +182,89 @@ def _text(ending: tuple[str, str | None] | None) -> str:
         return "no end"
     ended, error = ending
     return ended if error is None else f"{ended} ({error})"
+
+
+def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:
+    """Check that the rounds are the cubes of the schedule, and that its stop fits the reports.
+
+    In a round in which one module cannot make its move, the others make theirs. Rounds after the
+    schedule are not checked here.
+    """
+    summary = transcript.summary
+    if recording.schedule is None:
+        told = summary is not None and (summary.schedule_cubes, summary.schedule_stopped)
+        if "schedule" in recording.parameters or told not in (False, (None, None)):
+            fail("schedule", "there was one, but it is not on record")
+        return
+    try:
+        cubes = schedule_from_jsonl(recording.schedule)
+    except InputError as error:
+        fail("schedule", str(error))
+        return
+    over = transcript.schedule_over
+    last = transcript.complete_rounds if over is None else min(over, transcript.complete_rounds)
+    for number in range(1, last + 1):
+        if number > len(cubes):
+            fail("schedule", f"round {number}: the schedule has {len(cubes)} cubes")
+            return
+        _check_cube(
+            number, cubes[number - 1], transcript.carried[number], fail, last=number == last
+        )
+    if summary is not None:
+        _check_schedule_told(summary, cubes, transcript, last, fail)
+        if summary.schedule_stopped is None and last != len(cubes):
+            if over is not None:
+                fail(
+                    "schedule", f"it was over after {over} of {len(cubes)} cubes, and did not stop"
+                )
+            elif summary.ended == "goal":
+                fail("schedule", f"the run ended after {last} of {len(cubes)} cubes")
+
+
+def _moves(placed: Iterable[GeneratorPlacement]) -> Made:
+    return frozenset((move.generator, site_in(move.at)) for move in placed)
+
+
+def _check_cube(
+    number: int,
+    cube: tuple[GeneratorPlacement, ...],
+    carried: ScheduledRound,
+    fail: Fail,
+    *,
+    last: bool,
+) -> None:
+    due, made, gave_up = _moves(cube), carried.made, carried.gave_up
+    for what, moves in (("is not in its cube", made - due), ("is not made", due - made)):
+        if moves and not (gave_up and moves <= due):
+            generator, at = min(moves, key=repr)
+            fail("schedule", f"round {number}: {generator} at {site_text(at)} {what}")
+    if gave_up and not last:
+        fail("schedule", f"it went on after round {number}, where module_{gave_up[0][0]} gave up")
+
+
+def _check_schedule_told(
+    summary: Summary, cubes: Cubes, transcript: Transcript, last: int, fail: Fail
+) -> None:
+    """Check what the summary says about the schedule."""
+    if summary.schedule_cubes != len(cubes):
+        fail(
+            "schedule",
+            f"the summary counts {summary.schedule_cubes} cubes, on record are {len(cubes)}",
+        )
+    gave_up = transcript.carried.get(last, _NOTHING).gave_up
+    stopped = summary.schedule_stopped
+    if gave_up:
+        due = (last, *gave_up[0])
+        told = None if stopped is None else (stopped.round, stopped.module, stopped.reason)
+        if told != due:
+            fail("schedule", f"module_{due[1]} gave up in round {last}: {due[2]}")
+    elif stopped is not None and (stopped.round, stopped.module) != (last + 1, None):
+        fail("schedule", f"the summary says it stopped at round {stopped.round}, nobody else does")
+    if stopped is not None and not _was_due(stopped, cubes, transcript):
+        fail("schedule", f"it did not stop for {stopped.move.generator}: not due, or it was made")
+
+
+def _was_due(stopped: Stopped, cubes: Cubes, transcript: Transcript) -> bool:
+    cube = cubes[stopped.round - 1] if 1 <= stopped.round <= len(cubes) else ()
+    move = _moves([stopped.move])
+    return move <= _moves(cube) and not move <= transcript.carried.get(stopped.round, _NOTHING).made

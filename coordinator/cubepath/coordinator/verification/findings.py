@@ -13,6 +13,7 @@ from cubepath.protocol.core.errors import bounded
 
 Progress = Callable[[int], object]
 """Called now and then with the number of rounds, or levels, checked since the last call."""
+NO_END = "not checked: the end is not on record"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,32 +13,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.dependencies import check_dependencies
-from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
+from cubepath.coordinator.verification.findings import (
+    NO_END,
+    Failures,
+    Missing,
+    Progress,
+    Verification,
+)
 from cubepath.coordinator.verification.free_attempts import Attempts
 from cubepath.coordinator.verification.free_history import History, LevelPath
-from cubepath.coordinator.verification.free_shown import Shownness, Tails
+from cubepath.coordinator.verification.free_shown import Tails, VisibilityCheck
 from cubepath.coordinator.verification.free_transcript import (
     FreeReading,
     FreeTranscript,
     edges_hash,
 )
 from cubepath.coordinator.verification.free_turns import FreePlayer, TurnsOfModules
-from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.parameters import (
     check_parameters,
     keepers_of,
     max_rounds_in,
     processes_of,
 )
-from cubepath.coordinator.verification.results import (
-    NO_END,
-    check_cubes,
-    check_summary,
-    recorded_cubes,
-    without_end,
-)
+from cubepath.coordinator.verification.results import Derived, concluded, without_end
 from cubepath.coordinator.verification.transcript import (
     Fail,
     check_complete,
@@ -121,7 +119,6 @@ def verify_free(
         failures.stage(0)("complete", f"{results.gap} messages are missing before the last")
     history = History(recording.scene, transcript.commits, failures.stage(1))
     _check_serials(transcript, failures.stage(1))
-    whole = results.summary is not None
     playing = None if player is None else player()
     rests = _check_said(recording, history, transcript, failures, playing)
     path = history.path()
@@ -131,49 +128,26 @@ def verify_free(
     cut_off = is_cut_off(recording)
     check_complete(results, failures.stage(0), f"level {levels}", cut_off=cut_off)
     actions = path.actions
-    normal_form = cubes_of(actions)
     fail = failures.stage(3)
     digest = _check_edges(path, transcript, fail)
-    cubes = recorded_cubes(recording.scene, results, fail)
+    carried_out = _check_schedule(recording, path, results.summary, fail)
+    reached = recording.scene.reached(history.sites)
+    if results.summary is not None:
+        arrived = reached if recording.schedule is None else carried_out
+        _check_ended(recording, transcript, results.summary, fail, arrived=arrived, rests=rests)
+    why = "the rules were not asked again" if playing is None else playing.unchecked()
+    unchecked = dict(transcript.losses.unchecked)
+    if why is not None:
+        unchecked["choices"] = f"not checked: {why}"
+    if not transcript.edges and without_end(results, cut_off=cut_off):
+        unchecked["edges"] = NO_END
     # A level above the number of moves was found to be wrong already.
     steps = np.arange(1, min(levels, len(actions)) + 1)
     ends = np.searchsorted(path.levels, steps, side="right").tolist()
-    check_dependencies(actions, ends, cubes, fail, whole=whole)
-    if cubes is not None:
-        check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
-    check_recorded_certificate(recording.scene, results, actions, fail)
-    carried_out = _check_schedule(recording, path, results.summary, fail)
-    if results.summary is not None:
-        expected = {
-            "round": levels,
-            "rounds": levels,
-            "moves": len(actions),
-            "reduced_moves": sum(map(len, normal_form)),
-            "cubes": len(normal_form),
-            "max_cube_dimension": max(map(len, normal_form), default=0),
-            "goal_reached": recording.scene.reached(history.sites),
-            "path_digest": digest,
-            "refused": results.refused,
-        }
-        check_summary(results.summary, expected, fail)
-        arrived = bool(expected["goal_reached"]) if recording.schedule is None else carried_out
-        _check_ended(recording, transcript, results.summary, fail, arrived=arrived, rests=rests)
-    why = "the rules were not asked again" if playing is None else playing.unchecked()
-    unchecked = {} if why is None else {"choices": f"not checked: {why}"}
-    ending = without_end(results, cut_off=cut_off)
-    if ending and not transcript.edges:
-        ending["edges"] = NO_END
-    checks = failures.checks({**transcript.losses.unchecked, **unchecked, **ending})
-    sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
-    return Verification(
-        ok=all(check.ok for check in checks),
-        complete=sound and whole,
-        missing=Missing(0, max(results.gap + transcript.losses.count, left_out(recording))),
-        checks=checks,
-        moves=len(actions),
-        rounds=levels,
-        cubes=len(normal_form),
-        path_digest=digest,
+    end = Derived(actions, ends, levels, history.state, reached, digest)
+    missing = Missing(0, max(results.gap + transcript.losses.count, left_out(recording)))
+    return concluded(
+        recording, results, end, failures, stage=3, missing=missing, unchecked=unchecked
     )
 
 
@@ -204,7 +178,7 @@ def _check_said(
     tiles = Tiles(recording.scene.system, keepers)
     checks = _Checks(
         Attempts(history, transcript, tiles, failures.stage(2)),
-        Shownness(history, transcript, tiles, failures.stage(2)),
+        VisibilityCheck(history, transcript, tiles, failures.stage(2)),
         Tails(history, transcript, tiles, failures.stage(2)),
         TurnsOfModules(history, transcript, tiles, playing, failures.stage(2)),
     )
@@ -238,7 +212,7 @@ class _Checks(NamedTuple):
     """What is checked message by message."""
 
     attempts: Attempts
-    shown: Shownness
+    shown: VisibilityCheck
     tails: Tails
     turns: TurnsOfModules
 

@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterator
 from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.free_history import (
     History,
-    Standing,
+    ModuleVersion,
 )
 from cubepath.coordinator.verification.free_transcript import (
     AttemptId,
     FreeTranscript,
-    Said,
+    KeeperPart,
     attempt_text,
     commit_text,
 )
@@ -64,7 +64,7 @@ class Births:
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
         self._losses.lack(self._fail, check, why, excused=excused)
 
-    def answered(self, said: Said, entered: Entered) -> None:
+    def answered(self, said: KeeperPart, entered: Entered) -> None:
         """Check the answer to a module that asked where it stands."""
         occupant = entered.occupant
         if (occupant.module, entered.birth) not in self._said.entered:
@@ -208,7 +208,7 @@ class Attempts:
                 if self._known.is_believed(place):
                     self._answered(place, part.attempt)
             if not isinstance(part, Held):
-                said = Said(where, message.keeper, to, part, isinstance(message, Tells))
+                said = KeeperPart(where, message.keeper, to, part, isinstance(message, Tells))
                 self._guarded(where, "decisions", self._check_said, said)
 
     def end(self) -> None:
@@ -270,7 +270,7 @@ class Attempts:
         if moved.keeper != chain[-1]:
             self._fail("attempts", f"{name}: the last keeper of its chain is keeper_{chain[-1]}")
 
-    def _before(self, moved: Moved, module: int) -> Standing | None:
+    def _before(self, moved: Moved, module: int) -> ModuleVersion | None:
         """Return a module as a commit found it."""
         version = changed_by(moved).get(module)
         if version is not None:
@@ -305,7 +305,7 @@ class Attempts:
 
     def _check_registers(self, moved: Moved, attempt: Attempt) -> None:
         name = commit_text(moved)
-        here: dict[Site | None, tuple[Standing | None, Register | None]] = {}
+        here: dict[Site | None, tuple[ModuleVersion | None, Register | None]] = {}
         for place, module, version, content in moved.notes:
             before = self._before(moved, module)
             now = self._history.module(module, version)
@@ -334,7 +334,7 @@ class Attempts:
 
     # What keepers say.
 
-    def _check_said(self, said: Said) -> None:
+    def _check_said(self, said: KeeperPart) -> None:
         part = said.part
         if isinstance(part, Entered):
             self._check_entered(said, part)
@@ -368,7 +368,9 @@ class Attempts:
                 if said.to != chain[-1]:
                     self._fail("decisions", f"{said.where}: keeper_{said.to} is not the last one")
 
-    def _check_decision(self, said: Said, decision: Decision, name: AttemptId, place: int) -> None:
+    def _check_decision(
+        self, said: KeeperPart, decision: Decision, name: AttemptId, place: int
+    ) -> None:
         moved = self._committed_as(place)
         if decision.moved is None:
             # Who has acknowledged a commit does not ask; a question that was under way is answered
@@ -400,7 +402,7 @@ class Attempts:
                 self._fail("decisions", f"{said.where}: {name_of_it} has another version")
             self._check_occupant(said.where, site, occupant)
 
-    def _check_passed(self, said: Said, passed: Passed, place: int, chain: list[int]) -> None:
+    def _check_passed(self, said: KeeperPart, passed: Passed, place: int, chain: list[int]) -> None:
         where, history, attempt = said.where, self._history, passed.attempt
         if not self._known.is_as(place, attempt):
             self._fail("decisions", f"{where}: another attempt than was made")
@@ -497,7 +499,7 @@ class Attempts:
         moved = self._history.own_commit(occupant.module, occupant.version)
         return moved.number if moved is not None and moved.epoch == occupant.epoch else 0
 
-    def _check_entered(self, said: Said, entered: Entered) -> None:
+    def _check_entered(self, said: KeeperPart, entered: Entered) -> None:
         self._births.answered(said, entered)
         self._check_occupant(said.where, entered.site, entered.occupant)
 

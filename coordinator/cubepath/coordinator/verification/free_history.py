@@ -158,7 +158,7 @@ _EMPTY: Register = []
 _KEPT = 1 << 14
 
 
-class Standing(NamedTuple):
+class ModuleVersion(NamedTuple):
     """A module at one of its versions: where it stands, and its register."""
 
     site: Site
@@ -167,7 +167,7 @@ class Standing(NamedTuple):
     """The version at which it came to this site."""
 
 
-class There(NamedTuple):
+class Occupancy(NamedTuple):
     """What is at a place at one of its versions."""
 
     site: Site | None
@@ -280,26 +280,26 @@ class History:
             return False, None
         return True, self._site(known[version])
 
-    def at_place(self, place: Site, version: int) -> There | None:
+    def at_place(self, place: Site, version: int) -> Occupancy | None:
         """Return what was at a place at a version; None if it never had it."""
         known = self._places.get(place)
         if known is None:
             standing, modules = self._start
-            there = There(standing.get(place), modules.get(place), 0)
+            there = Occupancy(standing.get(place), modules.get(place), 0)
             return there if version == 0 else None
         if version >= len(known.site):
             return None
         module = known.module[version]
         site = self._site(known.site[version])
-        return There(site, None if module < 0 else module, known.since[version])
+        return Occupancy(site, None if module < 0 else module, known.since[version])
 
-    def module(self, module: int, version: int) -> Standing | None:
+    def module(self, module: int, version: int) -> ModuleVersion | None:
         """Return where a module stood at a version, and its register; None if it never had it."""
         if not 0 <= module < len(self._modules) or version >= len(self._modules[module].site):
             return None
         known = self._modules[module]
         site = self._each_site[known.site[version]]
-        return Standing(site, self._note(module, known.noted[version]), known.since[version])
+        return ModuleVersion(site, self._note(module, known.noted[version]), known.since[version])
 
     def _note(self, module: int, commit: int) -> Register:
         if commit < 0:

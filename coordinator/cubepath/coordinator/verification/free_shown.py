@@ -30,7 +30,7 @@ _Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
 _BLOCK = 1 << 14
 
 
-class Shownness:
+class VisibilityCheck:
     """Whether what was shown was there, and goes on with the serial numbers of its tile."""
 
     def __init__(

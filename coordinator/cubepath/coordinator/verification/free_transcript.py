@@ -77,7 +77,7 @@ AttemptId: TypeAlias = Name
 _LIMITED = ("keeper", "process", "to", "module")
 
 
-class Said(NamedTuple):
+class KeeperPart(NamedTuple):
     """A part of a message, with where it stands and who says it to whom."""
 
     where: Record

@@ -30,7 +30,7 @@ from cubepath.protocol.wire.tiles import Tiles
 _NEVER = ShownVersions()
 
 
-class Seen(NamedTuple):
+class TurnView(NamedTuple):
     """What a module was shown in a turn, as derived."""
 
     turn: Turn
@@ -51,7 +51,7 @@ class Seen(NamedTuple):
 class FreePlayer(Protocol):
     """Asks the rules of a run without rounds again, for each module turn by turn."""
 
-    def turn(self, seen: Seen, fail: Callable[[str], None]) -> None:
+    def turn(self, seen: TurnView, fail: Callable[[str], None]) -> None:
         """Ask the rule in a turn, and call `fail` with one line for each other choice."""
 
     def end(self, fail: Callable[[str], None]) -> None:
@@ -144,7 +144,7 @@ class TurnsOfModules:
             if not self._answered[self._said.attempts.place(name)]:
                 self._lack(name[0], name[1], f"{attempt_text(name)} has no turn")
 
-    def _play(self, seen: Seen, at: _Progress) -> None:
+    def _play(self, seen: TurnView, at: _Progress) -> None:
         if self._player is None:
             return
         if at.broken:
@@ -164,7 +164,7 @@ class TurnsOfModules:
         excused = before or self._losses.of_keepers(keepers)
         self._losses.lack(self._fail, "turns", why, excused=excused)
 
-    def _seen(self, turn: Turn, at: _Progress) -> Seen | None:
+    def _seen(self, turn: Turn, at: _Progress) -> TurnView | None:
         """Return what was shown in a turn, None if it cannot have been."""
         system = self._system
         fresh = self._follows(turn, at)
@@ -196,7 +196,7 @@ class TurnsOfModules:
             )
 
         entered = self._said.stands.get((turn.module, turn.epoch), site)
-        return Seen(turn, site, on, notes, standing.note, fresh, entered, arrays)
+        return TurnView(turn, site, on, notes, standing.note, fresh, entered, arrays)
 
     def _follows(self, turn: Turn, at: _Progress) -> bool:
         """Check a turn against the one before it; return whether its process has begun anew."""
@@ -297,7 +297,7 @@ class TurnsOfModules:
 
     # Attempts.
 
-    def _check_attempt(self, seen: Seen) -> None:
+    def _check_attempt(self, seen: TurnView) -> None:
         turn = seen.turn
         try:
             due = self._due(seen)
@@ -332,7 +332,7 @@ class TurnsOfModules:
             why = f"attempt {turn.number} is not what was chosen"
             self._fail("turns", f"{turn_text(turn)}: {why}")
 
-    def _due(self, seen: Seen) -> AskedContent | None:
+    def _due(self, seen: TurnView) -> AskedContent | None:
         """Return the content of the attempt that a choice makes, None if it makes none."""
         turn, system = seen.turn, self._system
         place = system.place_of(seen.site)
@@ -362,7 +362,7 @@ class TurnsOfModules:
         }
         return AskedContent(seen.site, named, frozenset(sensed), frozenset(asked.items()))
 
-    def _chosen(self, seen: Seen) -> Move | None:
+    def _chosen(self, seen: TurnView) -> Move | None:
         moves = self._system.moves(seen.site)
         action = seen.turn.action
         if not 0 < action <= len(moves):
@@ -370,7 +370,7 @@ class TurnsOfModules:
         may = self._observing.may_choose(seen.turn.module, seen.site, seen.standing, action)
         return moves[action - 1] if may else None
 
-    def _guards(self, seen: Seen) -> set[Site]:
+    def _guards(self, seen: TurnView) -> set[Site]:
         system = self._system
         found: set[Site] = set()
         for value in seen.turn.guards:
@@ -387,7 +387,7 @@ class TurnsOfModules:
         return found
 
 
-def _register(seen: Seen, place: Site, at: Site | None) -> Register:
+def _register(seen: TurnView, place: Site, at: Site | None) -> Register:
     if at == place:
         return seen.register
     return [] if at is None else seen.notes.get(at, [])

@@ -20,6 +20,7 @@ from math import inf
 from typing import Any, overload
 
 from cubepath.coordinator.verification.findings import (
+    NO_END,
     Check,
     Failures,
     Missing,
@@ -27,7 +28,6 @@ from cubepath.coordinator.verification.findings import (
     Verification,
 )
 from cubepath.coordinator.verification.parameters import check_parameters
-from cubepath.coordinator.verification.results import NO_END
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, is_beginning, left_out, whole_of

@@ -1,23 +1,27 @@
 """What the coordinator says of a run at its end, compared with what was derived.
 
-Part of `cubepath verify`; runs with rounds and without end alike.
+Part of `cubepath verify`; runs with rounds and without end alike, with `concluded`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set as AbstractSet
 from itertools import pairwise
+from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
+from cubepath.coordinator.verification.certificate import check_recorded_certificate
+from cubepath.coordinator.verification.dependencies import check_dependencies
+from cubepath.coordinator.verification.findings import NO_END, Failures, Missing, Verification
+from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off, site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Cube, Summary
-
-NO_END = "not checked: the end is not on record"
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Cube
 
 
 def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
@@ -117,8 +121,68 @@ def _apart(one: frozenset[Action], other: frozenset[Action]) -> str | None:
     return f"{min(action.label for action in other - one)} is missing"
 
 
-def check_summary(summary: Summary, expected: Mapping[str, object], fail: Fail) -> None:
-    """Compare the summary with what was derived."""
-    for key, value in expected.items():
-        if getattr(summary, key) != value:
-            fail("summary", f"{key} is {getattr(summary, key)}, derived is {value}")
+class Derived(NamedTuple):
+    """What was derived of a run, for its conclusion."""
+
+    actions: Sequence[Action]
+    """The edge path."""
+    ends: Sequence[int]
+    """After how many of them each round, or level, ended."""
+    rounds: int
+    state: AbstractSet[Site]
+    """What is on at the end."""
+    reached: bool
+    """Whether the modules are at the goal."""
+    digest: str
+
+
+def concluded(
+    recording: Recording,
+    transcript: Transcript,
+    derived: Derived,
+    failures: Failures,
+    *,
+    stage: int,
+    missing: Missing,
+    unchecked: Mapping[str, str],
+) -> Verification:
+    """Compare the end on record with what was derived, and return the result.
+
+    What fails is found in a `stage`. `unchecked` says of checks on the rest why they were not made.
+    """
+    scene, summary, fail = recording.scene, transcript.summary, failures.stage(stage)
+    normal_form = cubes_of(derived.actions)
+    cubes = recorded_cubes(scene, transcript, fail)
+    whole = summary is not None
+    check_dependencies(derived.actions, derived.ends, cubes, fail, whole=whole)
+    if cubes is not None:  # without all actions nothing more can be checked
+        check_cubes(scene, cubes, derived.state, normal_form, fail, whole=whole)
+    check_recorded_certificate(scene, transcript, derived.actions, fail)
+    if summary is not None:
+        expected = {
+            "round": derived.rounds,
+            "rounds": derived.rounds,
+            "moves": len(derived.actions),
+            "reduced_moves": sum(map(len, normal_form)),
+            "cubes": len(normal_form),
+            "max_cube_dimension": max(map(len, normal_form), default=0),
+            "goal_reached": derived.reached,
+            "path_digest": derived.digest,
+            "refused": transcript.refused,
+        }
+        for key, value in expected.items():
+            if getattr(summary, key) != value:
+                fail("summary", f"{key} is {getattr(summary, key)}, derived is {value}")
+    ending = without_end(transcript, cut_off=is_cut_off(recording))
+    checks = failures.checks({**unchecked, **ending})
+    sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
+    return Verification(
+        ok=all(check.ok for check in checks),
+        complete=sound and whole,
+        missing=missing,
+        checks=checks,
+        moves=len(derived.actions),
+        rounds=derived.rounds,
+        cubes=len(normal_form),
+        path_digest=derived.digest,
+    )

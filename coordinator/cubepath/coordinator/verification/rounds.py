@@ -20,11 +20,11 @@ from hashlib import blake2b, sha256
 
 import msgspec
 
-from cubepath.coordinator.verification.stages import Stage
+from cubepath.coordinator.verification.parameters import RuleStage
 from cubepath.coordinator.verification.transcript import (
     Fail,
     ModuleMessage,
-    Round,
+    RecordedRound,
     Transcript,
     named,
     site_in,
@@ -58,7 +58,7 @@ class Batches:
         self._process_of: dict[int, int] = {}
         self._regions = lru_cache(maxsize=1 << 14)(self._regions_near)
 
-    def check(self, number: int, this: Round) -> None:
+    def check(self, number: int, this: RecordedRound) -> None:
         """Check the batches of a round, which is complete."""
         numbers: dict[tuple[int, str, str], set[int]] = {}
         gone: dict[tuple[str, int], set[str]] = {}
@@ -178,7 +178,7 @@ class Rederivation:
     """The edge path, derived a round at a time; `fail` is called for each violation."""
 
     def __init__(
-        self, scene: Scene, seed: int | None, fail: Fail, stages: Iterable[Stage] = ()
+        self, scene: Scene, seed: int | None, fail: Fail, stages: Iterable[RuleStage] = ()
     ) -> None:
         """Begin at the start; without a seed it is not known which claims outrank which.
 
@@ -202,7 +202,7 @@ class Rederivation:
         self._batches = Batches(scene.system, fail)
         self._fail = fail
 
-    def round(self, number: int, said: Round) -> None:
+    def round(self, number: int, said: RecordedRound) -> None:
         """Derive a round and check everything said and reported in it."""
         where = f"round {number}"
         while self._stages and self._stages[0].begins <= number:
@@ -306,7 +306,7 @@ class Rederivation:
                         "sites", f"{named(report)} says it {what} at {told}, not at {true!r}"
                     )
 
-    def _check_said(self, where: str, said: Round) -> None:
+    def _check_said(self, where: str, said: RecordedRound) -> None:
         for message in said.said.values():
             if isinstance(message, Note):
                 self._check_note(message)
@@ -332,7 +332,7 @@ class Rederivation:
     def _place(self, site: Site) -> Site:
         return self._system.place_of(site)
 
-    def _check_claims(self, number: int, said: Round) -> None:
+    def _check_claims(self, number: int, said: RecordedRound) -> None:
         claims: Moves = {}
         for message in said.said.values():
             if not isinstance(message, Claim):
@@ -404,7 +404,7 @@ class Rederivation:
         if {site_in(place) for place in verdict.to} != waiting:
             self._fail("claims", f"{where}: it goes to others than those who wait for it")
 
-    def _check_hearing(self, said: Round) -> None:
+    def _check_hearing(self, said: RecordedRound) -> None:
         standing = {self._place(site): module for module, site in enumerate(self.sites)}
         for module, report in said.reports.items():
             place = self._place(self.sites[module])
@@ -424,7 +424,7 @@ class Rederivation:
             self._compare(report, due, said)
 
     def _compare(
-        self, report: Report, due: Mapping[tuple[str, int], ModuleMessage], said: Round
+        self, report: Report, due: Mapping[tuple[str, int], ModuleMessage], said: RecordedRound
     ) -> None:
         heard: set[tuple[str, int]] = set()
         for kind, speaker in report.deliveries():

@@ -74,7 +74,7 @@ class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
 
 
 @dataclass(slots=True)
-class Round:
+class RecordedRound:
     """The messages of modules in a round, by kind and speaker, and their reports at its end.
 
     When the round is closed, both are in the order of their keys. `edges` are the coordinator's.
@@ -91,7 +91,7 @@ Made: TypeAlias = frozenset[tuple[str, Site | None]]
 """Moves by generator and place."""
 
 
-class Carried(NamedTuple):
+class ScheduledRound(NamedTuple):
     """What a round did of a schedule: the moves made, and the modules that gave up, with why."""
 
     made: Made
@@ -121,7 +121,7 @@ class Transcript:
     """By module the rule that its process named, if that is not the rule of the run."""
     schedule_over: int | None = None
     """The last round of the schedule if the rule took over after it."""
-    carried: dict[int, Carried] = field(default_factory=dict)
+    carried: dict[int, ScheduledRound] = field(default_factory=dict)
     """What each round did, if a schedule was to be carried out."""
 
     def take(self, message: Cube | Certified | Summary, fail: Fail) -> None:
@@ -196,7 +196,7 @@ class Sorting:
         self._cut_off = is_cut_off(recording)
         self._scheduled = recording.schedule is not None
         self._own_rules: dict[int, str] = {}
-        self._rounds: dict[int, Round] = {}
+        self._rounds: dict[int, RecordedRound] = {}
         self._count, self._highest = 0, -1
         self._closed = -inf
         self._moves = SharedMoves()
@@ -232,7 +232,7 @@ class Sorting:
         elif isinstance(message, _PARTS):
             self._fail("batches", f"{_place(record)} is in no batch")
 
-    def close(self, least: float) -> Iterator[tuple[int, Round]]:
+    def close(self, least: float) -> Iterator[tuple[int, RecordedRound]]:
         """Yield the rounds that count, once each, in order; none below `least` is to come."""
         self._closed = max(self._closed, least)
         found = self.found
@@ -286,12 +286,12 @@ class Sorting:
             case _:
                 pass
 
-    def _round(self, number: int) -> Round:
+    def _round(self, number: int) -> RecordedRound:
         if number < self._closed:
             raise OutOfOrder
         found = self._rounds.get(number)
         if found is None:
-            found = self._rounds[number] = Round()
+            found = self._rounds[number] = RecordedRound()
         return found
 
     def _sort_said(self, message: ModuleMessage | Report) -> None:
@@ -323,9 +323,9 @@ class Sorting:
             self._fail("reports", f"round {self._first}: rounds count from 1")
 
 
-def _carried(reports: Mapping[int, Report]) -> Carried:
+def _carried(reports: Mapping[int, Report]) -> ScheduledRound:
     moves = (report.move for report in reports.values())
-    return Carried(
+    return ScheduledRound(
         frozenset((move.generator, site_in(move.at)) for move in moves if move is not None),
         tuple((n, each.failed) for n, each in reports.items() if each.failed is not None),
     )

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import msgspec
 
 from cubepath.protocol.recordings.mcap_file import checksum, kind_in
-from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.wire.on_record import SHOWN
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.salvaging import Salvage
 
 METADATA = "cubepath-counts"
 """The name of the metadata record that closes a recording."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.mcap_file import checksum
-from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.scenes.toml import scene_from_toml
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.salvaging import Salvage
 
 FORMAT = "cubepath-recording-2"
 """The format of runs with rounds: modules say messages in batches, `said` and `reports`."""

@@ -12,7 +12,7 @@ import stat
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, TYPE_CHECKING, Self
 
 import msgspec
 
@@ -36,10 +36,12 @@ from cubepath.protocol.recordings.description import (
     has_wall_times,
     metadata_of,
 )
-from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.remains import Remains
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import schema_of
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.remains import Remains
 
 FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""

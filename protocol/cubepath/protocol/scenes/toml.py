@@ -6,7 +6,7 @@ system's table is defined by its class.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.parsing import parsed_toml
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
+from cubepath.protocol.scenes.families.own import OWN_KINDS
+from cubepath.protocol.scenes.registry import SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"
 
@@ -66,7 +67,7 @@ def scene_from_toml(text: str, where: str) -> Scene:
 
 def _scene(table: dict[str, Any], where: str) -> Scene:
     own = all(key in OWN_KINDS for key in table.keys() - set(SCENE_KEYS))
-    known = OWN_KINDS if own else kinds()
+    known: Mapping[str, type[System]] = OWN_KINDS if own else kinds()
     found = msgspec.convert(
         {key: value for key, value in table.items() if key not in known}, _SceneFile
     )

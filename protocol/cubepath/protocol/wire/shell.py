@@ -5,8 +5,8 @@ are put on often have a declared publisher, which costs less than a put on the s
 
 What every process of a run does that was started by another one: it ends with its parent.
 
-Orders come in one line of JSON on standard input, never on a command line. When that input closes,
-the parent is gone, and so is the process.
+The configuration comes in one line of JSON on standard input, never on a command line. When that
+input closes, the parent is gone, and so is the process.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TOLD = 4
 """Exit code of a process whose last line on standard error fully describes the error."""
 _ORPHAN = 3
 
-Orders = TypeVar("Orders", bound=msgspec.Struct)
+Config = TypeVar("Config", bound=msgspec.Struct)
 
 
 def _end_with_parent(endpoint: str) -> None:
@@ -48,15 +48,15 @@ def _end_with_parent(endpoint: str) -> None:
 
 
 def serve(
-    kind: type[Orders], endpoint_of: Callable[[Orders], str], work: Callable[[Orders], None]
+    kind: type[Config], endpoint_of: Callable[[Config], str], work: Callable[[Config], None]
 ) -> int:
-    """Read the orders and work; on failure print one line on standard error and return `TOLD`."""
+    """Read the configuration and work; print one line and return `TOLD` on failure."""
     # The coordinator handles interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    orders = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
-    threading.Thread(target=_end_with_parent, args=(endpoint_of(orders),), daemon=True).start()
+    config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
+    threading.Thread(target=_end_with_parent, args=(endpoint_of(config),), daemon=True).start()
     try:
-        work(orders)
+        work(config)
     except CubepathError as error:
         print(error, file=sys.stderr)
         return TOLD
@@ -214,3 +214,11 @@ class Shell:
                 return
             self._queued_bytes += size
         self._queue.put((sample, time.time_ns()))
+
+
+def run_node(node: Node, endpoint: str, credentials: Credentials) -> None:
+    """Run a node on a session of its own until it ends."""
+    with Shell(node, endpoint, credentials=credentials) as shell:
+        shell.start()
+        while not shell.ended:
+            shell.step()

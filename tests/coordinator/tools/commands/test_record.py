@@ -17,7 +17,7 @@ from processes.command_line import GOLDEN
 from processes.elsewhere import Commands, soon
 
 pytestmark = pytest.mark.slow
-RANDOM = ("run", "hex:n=6", "--rule=random", "--max-rounds=999999")
+RANDOM = ("run", "hex:n=6", "--rule=random", "--max-rounds=20000")
 """A run that goes on until it is ended."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cubepath.coordinator.runs.free_gatherer import Released
+from cubepath.coordinator.runs.asking import Released
 from cubepath.coordinator.tools.live import claims as module
 from cubepath.coordinator.tools.live.claims import Hearing
 from cubepath.coordinator.tools.live.remote_pages import Levels

@@ -10,7 +10,7 @@ import pytest
 
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
 from cubepath.coordinator.tools.viewing.run_view import RunView
@@ -49,7 +49,7 @@ def test_a_page_follows_a_run_pauses_it_and_steps_it(
 ) -> None:
     """By its buttons and keys; what it shows, and what is saved of it, is what is recorded."""
     log = tmp_path / "run.mcap"
-    running = Running(Plan(spec, seed=2, processes=0, max_rounds=60, log=log))
+    running = Run(Plan(spec, seed=2, processes=0, max_rounds=60, log=log))
     player = threading.Thread(target=running.play_from_the_start)
     with Live(running, paused=True) as live:
         page = opened(live.address)
@@ -100,7 +100,7 @@ def test_who_looks_back_is_left_there_until_it_asks_for_the_newest(
     tmp_path: Path, opened: Open
 ) -> None:
     """The slider stays where a reader has put it while steps come in."""
-    running = Running(Plan("hex:n=6", seed=2, processes=0, log=tmp_path / "run.mcap"))
+    running = Run(Plan("hex:n=6", seed=2, processes=0, log=tmp_path / "run.mcap"))
     player = threading.Thread(target=running.play_from_the_start)
     with Live(running, paused=True) as live:
         page = opened(live.address)

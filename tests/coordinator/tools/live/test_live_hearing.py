@@ -10,7 +10,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.tools.viewing.pages import page_document
 from processes.watched_pages import Open, until
@@ -45,7 +45,7 @@ def said(page: Any) -> Any:
 def test_what_was_said_is_that_of_the_recording(spec: str, tmp_path: Path, opened: Open) -> None:
     """Claims won and lost, deliveries, and both paths in the state complex, step by step."""
     log = tmp_path / "run.mcap"
-    running = Running(Plan(spec, seed=2, processes=2, max_rounds=60, log=log))
+    running = Run(Plan(spec, seed=2, processes=2, max_rounds=60, log=log))
     player = threading.Thread(target=running.play_from_the_start)
     with Live(running, paused=True) as live:
         page = opened(live.address)

@@ -25,7 +25,7 @@ from cubepath.coordinator.playback.player import Player
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.remote_pages import watch_run
 from cubepath.coordinator.tools.live.watching import Live
 from cubepath.coordinator.verification.recording import verify
@@ -211,7 +211,7 @@ def test_who_watches_has_the_run_as_it_is_recorded(tmp_path: Path) -> None:
 def test_a_run_is_paused_stepped_and_resumed(tmp_path: Path) -> None:
     """Orders that come twice count once, but for steps; the path is as if nobody had paused it."""
     plain = run(SPEC, seed=5, processes=0, log=tmp_path / "plain.mcap")
-    running = Running(plan(tmp_path / "run.mcap", patience=0.3))
+    running = Run(plan(tmp_path / "run.mcap", patience=0.3))
     with Live(running, paused=True) as page:
         client = Client(page.address)
         player = threading.Thread(target=running.play_from_the_start)
@@ -294,7 +294,7 @@ def test_a_run_without_rounds_can_be_watched_alone(tmp_path: Path) -> None:
     claimed = {move for claims, _ in client.said for _, move, _ in claims}
     assert claimed >= {move for step in client.path for move in step}
     with pytest.raises(InputError, match="can be watched, not paced"):
-        Live(Running(plan(tmp_path / "no.mcap", clock="free")), paused=True)
+        Live(Run(plan(tmp_path / "no.mcap", clock="free")), paused=True)
 
 
 @pytest.mark.thorough

@@ -20,7 +20,7 @@ from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.runs.running import Running
+    from cubepath.coordinator.runs.run import Run
 
 _PORT_MAX = 65535
 _LOOK_S = 0.5
@@ -65,7 +65,7 @@ def port(text: str) -> int:
 
 @contextmanager
 def watched(
-    options: argparse.Namespace, running: Running, say: Callable[[str], None]
+    options: argparse.Namespace, running: Run, say: Callable[[str], None]
 ) -> Generator[None]:
     """Serve the page of a run, if that is asked for."""
     if options.live is None:

@@ -67,7 +67,7 @@ def _branches(drawn: DrawingInput) -> list[Mark]:
     """Return where a what-if departs from the recording that it goes on from."""
     if drawn.recording is None:
         return []
-    from cubepath.coordinator.verification.stages import spans, stages_in  # noqa: PLC0415
+    from cubepath.coordinator.verification.parameters import spans, stages_in  # noqa: PLC0415
 
     stages = stages_in(drawn.recording)
     everyone = spans(range(len(drawn.scene.start)))

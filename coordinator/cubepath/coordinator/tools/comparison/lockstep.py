@@ -19,9 +19,9 @@ from cubepath.coordinator.tools.comparison.results import (
     MessageDifference,
     MoveDifference,
 )
+from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
-from cubepath.coordinator.verification.stages import stages_in
-from cubepath.coordinator.verification.transcript import Round, site_in
+from cubepath.coordinator.verification.transcript import RecordedRound, site_in
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
@@ -52,8 +52,8 @@ class Outcomes:
 
     round: int
     module: int
-    a: Round
-    b: Round
+    a: RecordedRound
+    b: RecordedRound
 
 
 @dataclass
@@ -152,7 +152,7 @@ class SideBySide:
     def _alone(self, one: _Numbered | None, two: _Numbered | None) -> None:
         """Take the moves of a round that the other run does not have, if that had ended."""
         side = int(one is None)
-        number, said = one or two or (0, Round())
+        number, said = one or two or (0, RecordedRound())
         self.found.followed = self.readings[1 - side].ended
         if not self.found.followed or number < self._asked.first:
             return
@@ -162,7 +162,7 @@ class SideBySide:
             self.paths[side].add(number, report)
         self._states.move(number, *(said.reports if n == side else {} for n in (0, 1)))
 
-    def _round(self, number: int, a: Round, b: Round) -> None:
+    def _round(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         if number != self._due:
             self._since = number
             one, two = (
@@ -193,7 +193,7 @@ class SideBySide:
         self._states.move(number, a.reports, b.reports)
         self._states.note(number)
 
-    def _differ(self, number: int, a: Round, b: Round) -> None:
+    def _differ(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         """Take down what differs in a round in which something does."""
         found = self.found
         lists = _said(a), _said(b)
@@ -221,7 +221,9 @@ class SideBySide:
                 return True
         return False
 
-    def _choices(self, number: int, a: Round, b: Round, different: list[tuple[str, int]]) -> None:
+    def _choices(
+        self, number: int, a: RecordedRound, b: RecordedRound, different: list[tuple[str, int]]
+    ) -> None:
         """Take down who chose otherwise, and the first claim that came of otherwise."""
         found, ignored = self.found, self._asked.ignored
         for kind, module in different:
@@ -246,7 +248,7 @@ class SideBySide:
             elif found.outcome is None and _outcome(a, module) != _outcome(b, module):
                 found.outcome = Outcomes(number, module, a, b)
 
-    def _moves(self, number: int, a: Round, b: Round) -> None:
+    def _moves(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         one, two = _moves(a), _moves(b)
         if one == two:
             return
@@ -332,11 +334,11 @@ def _silent(recording: Recording) -> set[int]:
     return {stage.begins for stage in stages_in(recording)[1:] if not stage.heard}
 
 
-_Numbered = tuple[int, Round]
+_Numbered = tuple[int, RecordedRound]
 _Said = dict[tuple[str, int], Any]
 
 
-def _said(this: Round) -> _Said:
+def _said(this: RecordedRound) -> _Said:
     """Return what is said in a round, by kind and module."""
     found: _Said = dict(this.said)
     found.update((("report", module), report) for module, report in this.reports.items())
@@ -401,7 +403,7 @@ Chosen = tuple[str, Site | None] | None
 """The move that a module chose, by generator and place; None if it stayed."""
 
 
-def chosen(this: Round, module: int) -> tuple[Chosen, str | None]:
+def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
     """Return what a module chose: its move, and why it gave up.
 
     A claim that nobody could hear was not said; of that the report tells, if it was granted.
@@ -415,24 +417,24 @@ def chosen(this: Round, module: int) -> tuple[Chosen, str | None]:
     return None, failed
 
 
-def note_of(this: Round, module: int) -> tuple[int, ...] | None:
+def note_of(this: RecordedRound, module: int) -> tuple[int, ...] | None:
     """Return the note that a module said in a round."""
     note = this.said.get(("note", module))
     return tuple(note.note) if isinstance(note, Note) else None
 
 
-def _claim_is_lost(this: Round, module: int) -> bool:
+def _claim_is_lost(this: RecordedRound, module: int) -> bool:
     """Return whether a module claimed what is not on record, and did not come to do it."""
     report = this.reports[module]
     return ("claim", module) not in this.said and report.claim != "none" and report.move is None
 
 
-def _outcome(this: Round, module: int) -> str | None:
+def _outcome(this: RecordedRound, module: int) -> str | None:
     report = this.reports.get(module)
     return None if report is None else report.claim
 
 
-def _moves(this: Round) -> dict[int, tuple[str, Json]]:
+def _moves(this: RecordedRound) -> dict[int, tuple[str, Json]]:
     return {
         module: (report.move.generator, report.move.at)
         for module, report in this.reports.items()

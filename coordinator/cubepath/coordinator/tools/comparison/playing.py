@@ -25,8 +25,13 @@ from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.tools.comparison.lockstep import chosen, note_of
 from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, moments
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
-from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.coordinator.verification.stages import RECORDED, Stage, stages_in
+from cubepath.coordinator.verification.parameters import (
+    RECORDED,
+    RuleStage,
+    hesitation_in,
+    seed_in,
+    stages_in,
+)
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene, System
@@ -98,7 +103,7 @@ def way_of(recording: Recording, module: int, number: int, own: str | None = Non
     )
 
 
-def stage_at(recording: Recording, number: int) -> Stage | None:
+def stage_at(recording: Recording, number: int) -> RuleStage | None:
     """Return the stage to which a round belongs; None if the run has no stages."""
     begun = [each for each in stages_in(recording) if each.begins <= max(number, 1)]
     return begun[-1] if begun else None

@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.choices import Moment
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
-    Round,
+    RecordedRound,
     Sorting,
     Transcript,
     is_cut_off,
@@ -81,7 +81,7 @@ class Reading:
         elif len(self.odd) < ODD_MAX:
             self.odd.append(why)
 
-    def rounds(self) -> Iterator[tuple[int, Round]]:
+    def rounds(self) -> Iterator[tuple[int, RecordedRound]]:
         """Yield the rounds that all modules have reported, in order; others are gaps between them.
 
         OutOfOrder if a message stands where its round is over, and rounds are not kept.
@@ -109,7 +109,7 @@ class Reading:
         return found.summary is not None and found.summary.rounds == found.complete_rounds
 
 
-def start_of(reading: Reading, number: int, said: Round) -> tuple[Site, ...]:
+def start_of(reading: Reading, number: int, said: RecordedRound) -> tuple[Site, ...]:
     """Return where modules stand when a round begins: at the start, or else by their own word."""
     scene = reading.recording.scene
     if number == 1:

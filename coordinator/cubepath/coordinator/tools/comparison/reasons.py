@@ -34,7 +34,7 @@ from cubepath.coordinator.tools.comparison.results import (
     Side,
 )
 from cubepath.coordinator.verification.rounds import rank
-from cubepath.coordinator.verification.transcript import Round, site_in
+from cubepath.coordinator.verification.transcript import RecordedRound, site_in
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -349,7 +349,7 @@ def explain_outcome(found: Outcomes, a: Recording, b: Recording) -> OutcomeDiffe
 _Claims = dict[int, tuple[str, Action]]
 
 
-def _claims(said: Round, system: System) -> _Claims:
+def _claims(said: RecordedRound, system: System) -> _Claims:
     found: _Claims = {}
     for (kind, module), message in said.said.items():
         if kind != "claim" or not isinstance(message, Claim):
@@ -368,7 +368,9 @@ def _same_claims(claims: tuple[_Claims, ...]) -> bool:
     return one == two
 
 
-def _contest(found: Outcomes, claims: _Claims, said: Round, seed: int | None) -> Iterator[str]:
+def _contest(
+    found: Outcomes, claims: _Claims, said: RecordedRound, seed: int | None
+) -> Iterator[str]:
     """Yield who conflicted with a claim, and who of them went before it."""
     module, number = found.module, found.round
     own = claims.get(module)
@@ -392,6 +394,6 @@ def _contest(found: Outcomes, claims: _Claims, said: Round, seed: int | None) ->
         yield f"{what}, which conflicts, {order}, and is {come}"
 
 
-def _outcome_text(said: Round, module: int) -> str:
+def _outcome_text(said: RecordedRound, module: int) -> str:
     report = said.reports.get(module)
     return "not reported" if report is None else report.claim

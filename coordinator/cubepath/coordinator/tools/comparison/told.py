@@ -21,7 +21,7 @@ from cubepath.coordinator.tools.comparison.results import (
     Paths,
     Side,
 )
-from cubepath.coordinator.verification.stages import stages_of
+from cubepath.coordinator.verification.parameters import stages_of
 from cubepath.protocol.core.formatting import counted, visible
 
 _COLUMN = 38

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from cubepath.agents.rendering.pen import GOAL, INK, WALL, Colour
 from cubepath.agents.rendering.pictures import colours, solid_of
 from cubepath.agents.rendering.style import Solid
-from cubepath.coordinator.runs.states import State
+from cubepath.coordinator.runs.states import RunState
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -115,7 +115,7 @@ class SceneEncoder:
                 self._solid(parts, low, _rgb(colour), 0.6)
         return self._entity(name, log_time, **parts)
 
-    def state(self, state: State, log_time: int) -> Iterator[EncodedMessage]:
+    def state(self, state: RunState, log_time: int) -> Iterator[EncodedMessage]:
         """Yield the messages of a state: the scene, the poses and the transforms."""
         messages = self._messages
         hues = colours(self._scene, state.sites)
@@ -144,7 +144,7 @@ class SceneEncoder:
         ]
         yield EncodedMessage("/tf", messages.FrameTransforms(transforms=transforms).encode())
 
-    def _module(self, number: int, state: State, log_time: int, hue: Colour) -> Any:
+    def _module(self, number: int, state: RunState, log_time: int, hue: Colour) -> Any:
         """Return the entity of a module: empty where nothing stands."""
         site, before = state.sites[number], state.moved.get(number)
         parts = self._at_rest(number, site, hue)

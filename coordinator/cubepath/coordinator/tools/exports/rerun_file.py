@@ -13,7 +13,7 @@ from typing import IO, Any
 from cubepath.agents.rendering.pen import INK
 from cubepath.agents.rendering.pictures import colours, solid_of
 from cubepath.agents.rendering.style import Solid
-from cubepath.coordinator.runs.states import State, states_of
+from cubepath.coordinator.runs.states import RunState, states_of
 from cubepath.coordinator.tools.exports.times import ExportTimes
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
@@ -70,7 +70,7 @@ def write_rerun(
     return count
 
 
-def _taken(recording: Recording, selection: MessageSelection) -> Iterator[State]:
+def _taken(recording: Recording, selection: MessageSelection) -> Iterator[RunState]:
     for state in states_of(recording):
         if selection.until is not None and state.round > selection.until:
             return
@@ -85,7 +85,7 @@ class _Painter:
         self._scene = recording.scene
         self._solids_at: dict[Site, Solid | None] = {}
 
-    def state(self, state: State) -> None:
+    def state(self, state: RunState) -> None:
         rr, log = self._rr, self._log
         hues = colours(self._scene, state.sites)
         found = [(number, self._body(site)) for number, site in enumerate(state.sites)]

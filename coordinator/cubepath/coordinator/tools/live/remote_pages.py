@@ -20,8 +20,15 @@ from typing import Any, Self
 import msgspec
 import zenoh
 
-from cubepath.coordinator.runs.asking import MOVES_MAX, About, about_key, ask, ask_path, find_run
-from cubepath.coordinator.runs.free_gatherer import Released
+from cubepath.coordinator.runs.asking import (
+    MOVES_MAX,
+    Released,
+    RunInfo,
+    about_key,
+    ask,
+    ask_path,
+    find_run,
+)
 from cubepath.coordinator.tools.live.claims import HEARD, Words
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import Server
@@ -182,7 +189,7 @@ class RemoteRunPage:
         self.address = self._server.address
         """Where the page is."""
 
-    def _listen(self, about: About) -> None:
+    def _listen(self, about: RunInfo) -> None:
         session = self._session
         said = _SAID_FREE if self._free else _SAID
         self._subscribers = [
@@ -191,7 +198,7 @@ class RemoteRunPage:
         ]
         self._token = watch(session, about_key(about.run), self._tell_alive)
 
-    def _facts(self, about: About) -> list[tuple[str, str]]:
+    def _facts(self, about: RunInfo) -> list[tuple[str, str]]:
         known = about.parameters
         facts: list[tuple[str, str]] = [
             (key, known[key]) for key in ("rule", "seed") if key in known
@@ -321,7 +328,7 @@ class RemoteRunPage:
             self._feed.close()
 
 
-def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     about = find_run(session, endpoint, run, patience_s)
     if about.is_replay:
         raise InputError(
@@ -341,7 +348,7 @@ def watch_run(
 ) -> RemoteRunPage:
     """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
     are several. The page begins where the run stands; of a run without rounds it has all levels. It
     has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
 

@@ -18,8 +18,8 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeAlias, get_args
 
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.running import Running
-from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.runs.listeners import TappedMessage
+from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.claims import HEARD
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import Server
@@ -136,7 +136,7 @@ class Live:
 
     def __init__(
         self,
-        run: Running,
+        run: Run,
         *,
         port: int = 0,
         rate: float | None = None,
@@ -205,7 +205,7 @@ class Live:
         if self._serving is not None and self._pace is not None:
             self._serving[0].tell(self._pace.state)
 
-    def _hear(self, heard: Overheard) -> None:
+    def _hear(self, heard: TappedMessage) -> None:
         if self._serving is not None and heard.kind in HEARD:
             self._serving[0].hear(heard.message)
 

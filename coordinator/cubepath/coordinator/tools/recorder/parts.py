@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.runs.asking import About
+from cubepath.coordinator.runs.asking import RunInfo
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.description import ATTACHED, PART
@@ -41,7 +41,7 @@ class RecordingParts:
 
     def __init__(
         self,
-        about: About,
+        about: RunInfo,
         path: Path,
         splitting: SplitLimits,
         notes: Callable[[], Mapping[str, str]],

@@ -20,7 +20,7 @@ from typing import Self
 import msgspec
 import zenoh
 
-from cubepath.coordinator.runs.asking import About, about_key, find_run
+from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
 from cubepath.coordinator.tools.recorder.backlog import (
     Backlog,
@@ -389,7 +389,7 @@ def record(
 ) -> Recorder:
     """Attach to a live run and record it from outside, as ``cubepath log record --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
     are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
     `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
     `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
@@ -441,13 +441,13 @@ def record(
     )
 
 
-def _processes(about: About) -> int:
+def _processes(about: RunInfo) -> int:
     """Return how many processes a run says that it has; 1 if that is malformed."""
     told = about.parameters.get("processes", "")
     return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
 
 
-def _new_name(about: About) -> Path:
+def _new_name(about: RunInfo) -> Path:
     family = name_part(about.parameters.get("family", "")) or "run"
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     return Path("logs") / f"{family}-attached-{now}.mcap"

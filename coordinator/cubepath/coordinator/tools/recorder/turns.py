@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from hashlib import blake2b
 from typing import NamedTuple, TypeAlias
 
-from cubepath.coordinator.runs.asking import About
+from cubepath.coordinator.runs.asking import RunInfo
 from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
 from cubepath.coordinator.tools.recorder.losses import Head
 from cubepath.protocol.core.errors import InputError
@@ -32,7 +32,7 @@ _NUMBERS_MAX = (1 << 53) - 1
 class LogTimes:
     """Tells log times; one that cannot be read is that of the message before."""
 
-    def __init__(self, about: About) -> None:
+    def __init__(self, about: RunInfo) -> None:
         """Begin before the first message."""
         self._free = about.format == FREE_FORMAT
         self._by_wall = about.parameters.get("log_time") == "wall"

@@ -1,36 +1,91 @@
-"""The families of scenes that come with the project, in the order in which they are listed.
+"""The families of scenes that come with the project, each loaded when it is first looked up.
 
-The entry point ``cubepath`` of the group ``cubepath.systems`` names them.
+The entry point ``cubepath`` of the group ``cubepath.systems`` names them, as `FAMILIES`.
 """
 
 from __future__ import annotations
 
-from cubepath.protocol.scenes.families import (
-    arm,
-    arms,
-    assembly,
-    connected_hexagons,
-    free_arm,
-    hexagons,
-    shapes,
-    sliding,
-    triangulations,
-    tunnel,
-    vehicles,
-    words,
-)
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from importlib import import_module
+from typing import Any, Generic, TypeVar
 
-FAMILIES = (
-    *hexagons.FAMILIES,
-    *connected_hexagons.FAMILIES,
-    *tunnel.FAMILIES,
-    *sliding.FAMILIES,
-    *shapes.FAMILIES,
-    *vehicles.FAMILIES,
-    *arm.FAMILIES,
-    *free_arm.FAMILIES,
-    *arms.FAMILIES,
-    *triangulations.FAMILIES,
-    *words.FAMILIES,
-    *assembly.FAMILIES,
+from cubepath.protocol.core.system import System
+from cubepath.protocol.scenes.family import Family
+
+_FAMILIES = {
+    "hexagons": ("hex", "hex-open"),
+    "connected_hexagons": ("hex-connected",),
+    "tunnel": ("hex-tunnel",),
+    "sliding": ("sliding",),
+    "shapes": ("hex-shapes", "sliding-shapes"),
+    "vehicles": ("agv", "agv-labelled"),
+    "arm": ("arm",),
+    "free_arm": ("arm-free",),
+    "arms": ("arms",),
+    "triangulations": ("polygon", "triangulation"),
+    "words": ("words",),
+    "assembly": ("assembly",),
+}
+"""The names of families by module, in the order in which they are listed."""
+_KINDS = {
+    "lattice": ("lattice", "LatticeSystem"),
+    "graph": ("graph", "GraphSystem"),
+    "listed": ("listed", "TabledSystem"),
+    "triangulation": ("flips", "FlipSystem"),
+}
+"""The module and the name of each class of systems, by the name of its TOML table."""
+_Value = TypeVar("_Value")
+
+
+class OnDemand(Mapping[str, _Value], Generic[_Value]):
+    """Values by name, each loaded when it is first looked up."""
+
+    def __init__(self, loaders: Mapping[str, Callable[[], _Value]]) -> None:
+        """Load nothing yet."""
+        self._loaders = loaders
+        self._loaded: dict[str, _Value] = {}
+
+    def __getitem__(self, name: str) -> _Value:
+        """Return the value of this name."""
+        if name not in self._loaded:
+            self._loaded[name] = self._loaders[name]()
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a value of this name, without loading it."""
+        return name in self._loaders
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names."""
+        return iter(self._loaders)
+
+    def __len__(self) -> int:
+        """Return the number of names."""
+        return len(self._loaders)
+
+
+def _family(module: str, name: str) -> Family:
+    families: tuple[Family, ...] = import_module(f"{__package__}.{module}").FAMILIES
+    return next(family for family in families if family.name == name)
+
+
+def _kind(module: str, name: str) -> type[System]:
+    found: type[System] = getattr(import_module(f"cubepath.protocol.systems.{module}"), name)
+    return found
+
+
+OWN_FAMILIES = OnDemand[Family](
+    {name: partial(_family, module, name) for module, names in _FAMILIES.items() for name in names}
 )
+OWN_KINDS = OnDemand[type[System]](
+    {table: partial(_kind, *where) for table, where in _KINDS.items()}
+)
+"""The project's own classes of systems, by the name of their TOML table."""
+
+
+def __getattr__(name: str) -> Any:
+    if name != "FAMILIES":
+        message = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(message, name=name)
+    return tuple(OWN_FAMILIES.values())

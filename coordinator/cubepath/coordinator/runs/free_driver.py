@@ -7,25 +7,26 @@ their goal, at a level, or when nothing has come of anyone for long.
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, BinaryIO
 
+from cubepath.agents.free.config import HALT_S
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.free.host_node import HALT_S
-from cubepath.agents.processes.network import Way
+from cubepath.coordinator.runs.asking import Release
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
+from cubepath.coordinator.runs.driver import INTERRUPTED, Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.coordinator.runs.outcome import Noticed
-from cubepath.coordinator.runs.plan import Plan, Task
-from cubepath.coordinator.runs.resuming import is_said, keeper_logs, locked_logs
-from cubepath.coordinator.runs.schedule import own_moves
-from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.coordinator.runs.outcome import CrashReport
+from cubepath.coordinator.runs.resuming import check_logs, is_said, keeper_logs, locked_logs
+from cubepath.coordinator.runs.schedule_reading import own_moves
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import unwritable
-from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import keeper_name
 from cubepath.protocol.wire.free_messages import (
@@ -50,74 +51,59 @@ _INTERRUPT_S_MAX = 2.0
 """And so long if the user asked for it."""
 
 
-class FreeRun:
+class FreeDriver(Driver[FreeFleet]):
     """A run in progress: messages are recorded as they arrive, and gathered by their versions."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        task: Task,
-        writer: RecordingWriter,
-        *,
-        say: Callable[[str], None],
-        watch: Callable[[Gathered], None],
-        hear: Callable[[FreeMessage, int], None],
-        way: Way,
-        opened: Callable[[FreeFleet], None],
-        before: Recording | None = None,
-        lock: BinaryIO | None = None,
-    ) -> None:
-        """Begin with nothing started; `hear` is told of each message, and the wall time in ns.
-
-        `before` is what is on record of a run that is taken up again, and `lock` that of its
-        keepers' logs, which is closed in the end. `opened` is called when the
-        router is there, before any module acts.
-        """
-        self.plan = plan
-        self.task = task
-        self.writer = writer
-        self.refused = 0
-        self.held_back = 0.0
+    def __init__(self, context: RunContext) -> None:
+        """Open the recording, and start nothing."""
+        self._logs_lock: BinaryIO | None = None
+        """Held for the keepers' logs until the run has ended."""
+        super().__init__(context)
+        self._gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
+        self._held_back = 0.0
         """For how many seconds modules were halted, as more was said than could be recorded."""
-        self.crashes: list[Noticed] = []
-        self.gathered = FreeGatherer(task.scene, plan.keepers)
-        self._say = say
-        self._watch = watch
-        self._hear = hear
-        self._way = way
-        self._before = before
-        self._lock = lock
-        self._opened = opened
-        self._results: tuple[FreeMessage, ...] | None = None
+        self._crashes: list[CrashReport] = []
         self._check: Callable[[], None] = lambda: None
-        self._fleet: FreeFleet | None = None
         self._shell: Shell | None = None
         self._begun = False
         self._past_goal = False
         """Whether the modules were at their goal, and had left it when all was known."""
-        self._resources = contextlib.ExitStack()
         self._level = 0
         self._looked = 0.0
         self._halted: float | None = None
         """Since when modules halt so that the record can keep up."""
         self._said_over = 0.0
         self._watched = 0.0
-        self._began = time.monotonic()
         self._heard = 0.0
         """When anything was last committed."""
 
+    def _open(self, log: Path) -> RecordingWriter:
+        plan = self.plan
+        if plan.resume is None:
+            if os.path.lexists(keeper_logs(log)):
+                raise InputError(
+                    f"{keeper_logs(log)}: exists already, expected no logs of another run"
+                )
+            return super()._open(log)
+        lock = self._logs_lock = locked_logs(keeper_logs(plan.resume))
+        try:
+            if self._before is not None:
+                check_logs(keeper_logs(plan.resume), self._before, plan.keepers)
+            return super()._open(log)
+        except BaseException:
+            lock.close()
+            raise
+
     @property
-    def fleet(self) -> FreeFleet:
-        """Return the processes; CheckError if there are none, or no more."""
-        if self._fleet is None:
-            raise CheckError("the run has no processes: expected one that is under way")
-        return self._fleet
+    def gathered(self) -> Gathered:
+        """Return what was gathered so far."""
+        return self._gatherer
 
-    def begin(self, check: Callable[[], None]) -> Ending | None:
-        """Start the processes; return how the run has ended if there is nothing to do.
+    @property
+    def _release(self) -> Release:
+        return self._gatherer.released
 
-        `check` is called between messages, now and later, and may raise to end the run.
-        """
+    def _start(self, check: Callable[[], None]) -> Ending | None:
         self._check = check
         plan, task = self.plan, self.task
         self._take_up()
@@ -134,7 +120,7 @@ class FreeRun:
                 raise unwritable(logs, error) from None
         elif logs is not None:
             logs.mkdir(exist_ok=True)
-            self._lock = locked_logs(logs)
+            self._logs_lock = locked_logs(logs)
         fleet = self._fleet = self._resources.enter_context(
             FreeFleet(
                 task.scene,
@@ -150,14 +136,14 @@ class FreeRun:
                 if task.assignment is None
                 else own_moves(task.scene, task.assignment),
                 logs=logs,
-                lock=self._lock,
+                lock=self._logs_lock,
                 way=self._way,
-                known=self.gathered.known,
+                known=self._gatherer.known,
             )
         )
-        self._opened(fleet)
+        self._answer_from()
         collector = self._collector = Collector(
-            fleet.run, self.gathered, plan.keepers, fleet.modules_of
+            fleet.run, self._gatherer, plan.keepers, fleet.modules_of
         )
         credentials = fleet.credentials()
         shell = self._shell = self._resources.enter_context(
@@ -171,46 +157,37 @@ class FreeRun:
         self._heard = time.monotonic()
         return None
 
-    def announce(self, ending: Ending) -> None:
-        """Tell whoever listens what came of the run, while the router is there."""
-        shell, fleet = self._shell, self._fleet
-        if shell is None or fleet is None:
-            return
-        self.writer.flush()  # to find the results may take seconds
-        results = self._found(ending)
-        shell.carry_out([Put(free_key(fleet.run, each), encode(each)) for each in results])
-        self._results = results
-
-    def _found(self, ending: Ending) -> tuple[FreeMessage, ...]:
-        """Return what the coordinator says of the run when it has ended."""
+    def _find_results(self, ending: Ending) -> Sequence[FreeMessage]:
+        assignment = self.task.assignment
         return (
             *(Edges(step.round, list(step.executed)) for step in self.gathered.steps),
             *results_of(
-                self.gathered, ending, refused=self.refused, schedule_cubes=self._schedule_cubes
+                self.gathered,
+                ending,
+                refused=self._refused,
+                schedule_cubes=None if assignment is None else len(assignment.cubes),
             ),
         )
 
-    def end(self) -> None:
-        """End the processes, and leave nothing running."""
-        try:
-            with contextlib.suppress(CubepathError):  # the results will tell
-                self.writer.flush()
-            if self._shell is not None:
-                self._shell.carry_out(self._collector.say(Go(self._collector.level, "stop")))
-        finally:
-            self._fleet = self._shell = None
-            self._resources.close()
+    def _publish(self, message: FreeMessage) -> None:
+        if self._shell is not None:
+            key = free_key(self.fleet.run, message)
+            self._shell.carry_out([Put(key, encode(message))])
 
-    def interrupted(self) -> Ending:
-        """Let what is under way come to its end, for a short while; return how the run ends."""
+    def _stop(self) -> None:
+        shell, self._shell = self._shell, None
+        if shell is not None:
+            shell.carry_out(self._collector.say(Go(self._collector.level, "stop")))
+
+    def _interrupted(self) -> Ending:
+        """Let what is under way come to its end, for a short while."""
         if self._shell is not None and self._begun:
             self._check = lambda: None
             with contextlib.suppress(CubepathError):
                 self._settle(self._shell, self.fleet, _INTERRUPT_S_MAX)
-        return Ending("goal") if self._is_over else Ending("interrupted", "interrupted")
+        return Ending("goal") if self._is_over else INTERRUPTED
 
-    def failed(self, error: str) -> Ending:
-        """Return the end of a run that failed, unless it was over already."""
+    def _failed(self, error: str) -> Ending:
         return Ending("goal") if self._is_over else Ending("failed", error)
 
     @property
@@ -230,36 +207,21 @@ class FreeRun:
             return self.gathered.moves >= sum(map(len, self.task.assignment.cubes))
         return self.gathered.reached
 
-    def conclude(self, ending: Ending) -> None:
-        """Write what came of the run."""
-        if self._results is None:
-            self.writer.flush()  # to find the results may take seconds
-            self._results = self._found(ending)
-        for message in self._results:
-            self._write(message, encode(message), time.time_ns())
-        self.writer.close()
+    def _record(self, message: FreeMessage) -> None:
+        self._write(message, encode(message), time.time_ns())
 
-    def tidy(self, ending: Ending) -> None:
+    def _tidy(self, ending: Ending) -> None:
         """Take away the keepers' logs, unless the run can be taken up again."""
         if ending.ended != "failed" or self.gathered.failed is not None:
             shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
-        if self._lock is not None:
-            self._lock.close()
+        if self._logs_lock is not None:
+            self._logs_lock.close()
 
-    @property
-    def _schedule_cubes(self) -> int | None:
-        assignment = self.task.assignment
-        return None if assignment is None else len(assignment.cubes)
-
-    def figures(self) -> Mapping[str, Any]:
-        """Return what the outcome says beside what all outcomes say."""
+    def _figures(self) -> dict[str, Any]:
         return {
-            "processes": min(self.plan.processes, len(self.task.scene.start)),
-            "refused": self.refused,
             "keepers": self.plan.keepers,
-            "crashes": tuple(self.crashes),
-            "held_back_seconds": round(self.held_back, 3),
-            "schedule_cubes": self._schedule_cubes,
+            "crashes": tuple(self._crashes),
+            "held_back_seconds": round(self._held_back, 3),
         }
 
     def _take_up(self) -> None:
@@ -272,7 +234,7 @@ class FreeRun:
             )
             if record.kind in ("moved", "tail", "turns"):
                 message = decode_free(record.data)
-                self.gathered.take(message)
+                self._gatherer.take(message)
                 self._level = max(self._level, level_of(message))
         self.writer.flush()  # to start the fleet may take seconds, and to end it
 
@@ -292,8 +254,8 @@ class FreeRun:
             self._check()
             self._look_after(fleet)
 
-    def advance(self) -> Ending | None:
-        """Take what comes next; return how the run has ended, None if it goes on."""
+    def _next(self) -> Ending | None:
+        """Take what comes next."""
         fleet, shell = self.fleet, self._shell
         if shell is None:  # it comes and goes with the fleet
             raise AssertionError("a fleet without a shell")
@@ -308,7 +270,7 @@ class FreeRun:
             self._goes_on()
             if self._heard - self._watched > _LOOK_S:
                 self._watched = self._heard
-                self._watch(self.gathered)
+                self._watch()
         elif came and not self._past_goal:
             return None
         self._past_goal = False
@@ -337,7 +299,7 @@ class FreeRun:
                 self._halted = self._said_over = now
                 shell.carry_out(collector.say(Go(collector.level, "over")))
         elif waiting < BEHIND_MIN:
-            self.held_back += now - self._halted
+            self._held_back += now - self._halted
             self._halted = None
             collector.resting.clear()
             shell.carry_out(collector.say(Go(collector.level, "sense")))
@@ -348,7 +310,7 @@ class FreeRun:
     def _goes_on(self) -> None:
         """Take note of how long nothing was committed after a process had died."""
         after = self._heard - self._began
-        for crash in self.crashes:
+        for crash in self._crashes:
             if crash.idle_seconds is None:
                 crash.idle_seconds = round(after - crash.seconds, 3)
 
@@ -365,7 +327,7 @@ class FreeRun:
         return None
 
     def _stuck(self) -> str:
-        dead = sorted({crash.name for crash in self.crashes if not crash.restarted})
+        dead = sorted({crash.name for crash in self._crashes if not crash.restarted})
         who = f"; {', '.join(dead)} had died" if dead else ""
         silent = [
             name for each in self._collector.silent if (name := keeper_name(each)) not in dead
@@ -413,7 +375,7 @@ class FreeRun:
     def _known(self) -> tuple[int, ...]:
         """Return what changes while the record of the run is being completed."""
         collector = self._collector
-        commits = sum(map(self.gathered.known, range(self.plan.keepers)))
+        commits = sum(map(self._gatherer.known, range(self.plan.keepers)))
         return commits, self.gathered.moves, collector.lacking, len(collector.resting)
 
     def _look_after(self, fleet: FreeFleet) -> None:
@@ -424,13 +386,13 @@ class FreeRun:
         self._looked = now
         for crash in fleet.look():
             after = round(now - self._began, 3)
-            self.crashes.append(Noticed(crash.name, crash.how, crash.restarted, after))
+            self._crashes.append(CrashReport(crash.name, crash.how, crash.restarted, after))
             self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
             self._say(f"{crash.name} has died ({crash.how}){again}")
 
     def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
-        self.refused += refusals_in(kept)
+        self._refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
         if self._collector.contradiction is not None:
             raise self._collector.contradiction
@@ -439,4 +401,4 @@ class FreeRun:
         self._level = max(self._level, level_of(message))
         at = wall_ns if self.plan.log_time == "wall" else self._level
         self.writer.write(free_topic(message), data, round_number=at, wall_ns=wall_ns)
-        self._hear(message, wall_ns)
+        self._listeners.hear(message, wall_ns)

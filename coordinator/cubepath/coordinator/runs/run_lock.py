@@ -51,11 +51,8 @@ def interrupts() -> Generator[Callable[[], None]]:
 _CLOSE_S_MAX = 60.0
 
 
-class Turns:
-    """What may be done with a run now, and what waits until the round that is under way is over.
-
-    What listeners raise meanwhile is remembered, so that it breaks no round, and told after it.
-    """
+class RunLock:
+    """Who may go on with a run: one thread at a time, and nobody who listens to a round."""
 
     def __init__(self) -> None:
         """Begin with nothing under way."""
@@ -63,7 +60,6 @@ class Turns:
         """Whether somebody has asked for the end of the run."""
         self._lock = threading.RLock()
         self._acting = False
-        self._raised: BaseException | None = None
 
     @contextmanager
     def hold(self) -> Generator[None]:
@@ -81,7 +77,7 @@ class Turns:
 
     @contextmanager
     def act(self) -> Generator[None]:
-        """Do something that nobody may break into; what listeners raised is for `tell`."""
+        """Do something that nobody may break into."""
         self._acting = True
         try:
             yield
@@ -117,21 +113,3 @@ class Turns:
         """Raise Interrupted if somebody has asked for the end of the run."""
         if self.stopping:
             raise Interrupted
-
-    def call(self, listener: Callable[[], object]) -> None:
-        """Call a listener; what the first one raises is remembered.
-
-        Interrupts, and that there is no memory left, end the run as they would anywhere in it.
-        """
-        try:
-            listener()
-        except (KeyboardInterrupt, MemoryError):
-            raise
-        except BaseException as raised:  # noqa: BLE001 - told after the round, `pytest.fail` as well
-            self._raised = self._raised or raised
-
-    def tell(self) -> None:
-        """Raise what the first listener raised that raised anything."""
-        raised, self._raised = self._raised, None
-        if raised is not None:
-            raise raised

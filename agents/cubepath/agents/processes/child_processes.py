@@ -1,6 +1,6 @@
-"""Child processes by name: started with their orders, watched, and ended.
+"""Child processes by name: started with their configuration, watched, and ended.
 
-Their orders go over standard input, never on a command line.
+The configuration goes over standard input, never on a command line.
 """
 
 from __future__ import annotations
@@ -11,49 +11,48 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from importlib import import_module
 from typing import IO, NamedTuple
 
 import msgspec
 
+from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.wire.shell import TOLD
 
 _STDERR = 2
 _LOOK_S = 0.005
+_JOIN_S = 5.0
 
 
-class Ended(NamedTuple):
-    """How a process ended: its exit code or minus a signal, and its last line if it has one."""
+class EndedProcess(NamedTuple):
+    """A process that has ended."""
 
     name: str
-    code: int
-    last: str
-
-    @property
-    def told(self) -> bool:
-        """Whether its last line fully describes the error."""
-        return self.code == TOLD and bool(self.last)
-
-    @property
-    def how(self) -> str:
-        """Return how it ended, for people."""
-        how = f"killed by signal {-self.code}" if self.code < 0 else f"exit code {self.code}"
-        return how + (f": {self.last}" if self.last else "")
+    how: str
+    """How it ended, for people."""
+    error: str | None
+    """Its last line, if that fully describes the error."""
 
 
-class Offspring:
-    """Child processes, each of which runs a module of this project.
+class ChildProcesses:
+    """Child processes by name, each of which runs a module of this project.
 
-    Each leads a process group, and all of it ends with it: a rule may have forked.
+    Each leads a process group, and all of it ends with it: a rule may have forked. What would be a
+    process can be a thread of this one instead.
     """
 
     def __init__(self) -> None:
         """Start with none."""
         self.by_name: dict[str, subprocess.Popen[bytes]] = {}
         self._complaints: dict[str, IO[bytes]] = {}
+        self._threads: list[threading.Thread] = []
+        self._errors: list[tuple[str, BaseException]] = []
+        """What was raised in threads, with their names."""
 
     def spawn(
-        self, name: str, module: str, orders: msgspec.Struct, lock: IO[bytes] | None = None
+        self, name: str, module: str, config: msgspec.Struct, lock: IO[bytes] | None = None
     ) -> None:
         """Start a process, which holds a lock too; one of the same name has ended before."""
         self.forget(name)
@@ -71,16 +70,41 @@ class Offspring:
         if child.stdin is None:  # it was requested above
             raise AssertionError("no pipe to the process")
         with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when waiting
-            child.stdin.write(msgspec.json.encode(orders) + b"\n")
+            child.stdin.write(msgspec.json.encode(config) + b"\n")
             child.stdin.flush()
 
-    def ended(self) -> list[Ended]:
-        """Return those that have ended, each time it is asked."""
-        return [
-            Ended(name, code, self._last_line(name))
-            for name, child in self.by_name.items()
-            if (code := _code(child)) is not None
-        ]
+    def serve_here(self, name: str, module: str, config: msgspec.Struct) -> None:
+        """Do the work of a process in a thread: the function `host` of its module."""
+
+        def serve() -> None:
+            try:
+                import_module(module).host(config)
+            except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
+                self._errors.append((name, error))
+
+        thread = threading.Thread(target=serve, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def ended(self) -> list[EndedProcess]:
+        """Return those that have ended, each time it is asked.
+
+        An error of a thread that is for the user is raised.
+        """
+        found = []
+        for name, error in self._errors:
+            if isinstance(error, CubepathError):
+                raise error
+            how = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            found.append(EndedProcess(name, how, None))
+        for name, child in self.by_name.items():
+            code = _code(child)
+            if code is not None:
+                last = self._last_line(name)
+                how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
+                how += f": {last}" if last else ""
+                found.append(EndedProcess(name, how, last if code == TOLD and last else None))
+        return found
 
     def lives(self, name: str) -> bool:
         """Return whether there is a process of this name that has not ended."""
@@ -101,6 +125,8 @@ class Offspring:
         """Wait so long for processes that were told to stop, and kill those that do not."""
         deadline = time.monotonic() + patience_s
         try:
+            for thread in self._threads:
+                thread.join(_JOIN_S)
             for child in self.by_name.values():
                 while _code(child) is None and time.monotonic() < deadline:
                     time.sleep(_LOOK_S)

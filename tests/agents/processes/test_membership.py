@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.processes.membership import FORGET_S, Roster, spans
+from cubepath.agents.processes.membership import FORGET_S, Membership, spans
 
 
 def test_joiners_are_numbered_by_their_first_modules() -> None:
     """Whoever asks first; one that names itself has that number."""
     for order in (("a", "b", "c"), ("c", "a", "b")):
-        roster = Roster(8, 3)
+        roster = Membership(8, 3)
         asked = {"a": ([5, 4], None), "b": ([0], 1), "c": ([3, 1], None)}
         for joiner in order:
             assert not roster.complete
@@ -38,7 +38,7 @@ def test_who_is_refused_is_told_why_and_changes_nothing(
     modules: list[int], name: int | None, reason: str
 ) -> None:
     """The place stays free for another."""
-    roster = Roster(6, 2)
+    roster = Membership(6, 2)
     assert roster.ask("first", [0, 1, 2], 0, 0.0) is None
     assert roster.ask("other", modules, name, 0.0) == reason
     assert (roster.missing, roster.free) == (1, [3, 4, 5])
@@ -51,7 +51,7 @@ def test_who_is_refused_is_told_why_and_changes_nothing(
 
 def test_who_asks_no_more_is_forgotten_until_the_run_begins() -> None:
     """Its modules are free again; asking again counts, whatever else it would say."""
-    roster = Roster(4, 2)
+    roster = Membership(4, 2)
     assert roster.ask("gone", [0], None, 0.0) is None
     assert roster.ask("stays", [1], None, 0.0) is None
     assert roster.ask("stays", [1], None, FORGET_S) is None

@@ -13,18 +13,18 @@ from queue import Empty, SimpleQueue
 
 import zenoh
 
+from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.membership import (
     ANY,
     ENDED,
     Liveness,
-    Roster,
+    Membership,
     alive_key,
     offer,
     orders_key,
     read_request,
     spans,
 )
-from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import open_client
@@ -36,7 +36,7 @@ QUESTIONS_MAX, LOOK_MAX = 1024, 64
 again; and between two looks the run goes on, or is interrupted."""
 
 
-class Recruits:
+class RemoteProcesses:
     """The joiners of one run."""
 
     def __init__(
@@ -44,7 +44,7 @@ class Recruits:
     ) -> None:
         """Open a session as the coordinator, and let everyone know that the run is there."""
         self._run = run
-        self._roster = Roster(modules, expected)
+        self._roster = Membership(modules, expected)
         self._queue: SimpleQueue[zenoh.Query] = SimpleQueue()
         self.dropped = 0
         """How many questions came while too many waited."""
@@ -93,7 +93,7 @@ class Recruits:
                 say(f"waiting for {what}")
         return self._roster.number()
 
-    def send(self, orders: Mapping[int, Orders]) -> None:
+    def send(self, orders: Mapping[int, ProcessConfig]) -> None:
         """Answer all with their orders, now and when they ask again."""
         self._offers = {process: offer(each) for process, each in orders.items()}
         for joiner in list(self._waiting):

@@ -1,14 +1,15 @@
-"""Taps: what was heard of a run and waits to be taken."""
+"""What listens to a run: functions that are called with its messages, and taps that hold them."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from functools import cache
-from typing import Any, get_args, get_type_hints
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from typing import Any, TypeAlias, get_args, get_type_hints
 
 import msgspec
 
+from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.wire.free_messages import FREE_KINDS
@@ -18,7 +19,7 @@ TAP_MAX = 1_000_000
 """So many messages wait in a tap at most; then the oldest are dropped, and counted."""
 
 
-class Overheard(msgspec.Struct, frozen=True):
+class TappedMessage(msgspec.Struct, frozen=True):
     """A message of a run, or a part of one: a claim comes in a `said`, a turn in `turns`."""
 
     kind: str
@@ -77,23 +78,74 @@ class Tap:
         self.dropped = 0
         """How many were dropped because nobody took them."""
         self._kinds = frozenset(kinds)
-        self._waiting: deque[Overheard] = deque()
+        self._waiting: deque[TappedMessage] = deque()
         self._most = most
 
     def __len__(self) -> int:
         """Return how many messages wait."""
         return len(self._waiting)
 
-    def __iter__(self) -> Iterator[Overheard]:
+    def __iter__(self) -> Iterator[TappedMessage]:
         """Take what waits, in the order in which it was heard."""
         while self._waiting:
             yield self._waiting.popleft()
 
-    def hear(self, overheard: Overheard) -> None:
+    def hear(self, tapped: TappedMessage) -> None:
         """Put a message behind those that wait."""
-        if self._kinds and overheard.kind not in self._kinds:
+        if self._kinds and tapped.kind not in self._kinds:
             return
         if len(self._waiting) >= self._most:
             self._waiting.popleft()
             self.dropped += 1
-        self._waiting.append(overheard)
+        self._waiting.append(tapped)
+
+
+Watch: TypeAlias = Callable[[Gathered], None]
+Hear: TypeAlias = Callable[[TappedMessage], None]
+
+
+class Listeners:
+    """The functions that are called with each message and after each round of a run.
+
+    What they raise is remembered, so that it breaks no round, and raised after it.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.watches: list[Watch] = []
+        self.hears: list[Hear] = []
+        self._raised: BaseException | None = None
+
+    def watch(self, gathered: Gathered) -> None:
+        """Pass what was gathered to those that watch rounds."""
+        for watch in tuple(self.watches):
+            self._call(partial(watch, gathered))
+
+    def hear(self, message: Any, wall_ns: int) -> None:
+        """Pass a message, and then each of its parts, to those that hear messages."""
+        if not self.hears:
+            return
+        for each in (message, *getattr(message, "parts", ())):
+            kind = str(type(each).__struct_config__.tag)
+            at = getattr(each, "round", getattr(each, "level", 0))
+            tapped = TappedMessage(kind, at, each, wall_ns)
+            for hear in tuple(self.hears):
+                self._call(partial(hear, tapped))
+
+    def _call(self, listener: Callable[[], object]) -> None:
+        """Call a listener; what the first one raises is remembered.
+
+        Interrupts, and that there is no memory left, end the run as they would anywhere in it.
+        """
+        try:
+            listener()
+        except (KeyboardInterrupt, MemoryError):
+            raise
+        except BaseException as raised:  # noqa: BLE001 - raised after the round, `pytest.fail` as well
+            self._raised = self._raised or raised
+
+    def raise_first(self) -> None:
+        """Raise what the first listener raised that raised anything."""
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised

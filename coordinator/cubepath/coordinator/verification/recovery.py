@@ -1,4 +1,4 @@
-"""Whether a recording that has lost its scene can be of the one that is told.
+"""Recovering what can be read of a damaged recording, also when it has lost its scene.
 
 Part of `cubepath log recover -o`: what cannot be is found at the first message that contradicts
 it; what comes of all of them is for `verify` to say.
@@ -7,19 +7,67 @@ it; what comes of all of them is for `verify` to say.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
+from cubepath.coordinator.verification.partial import whole_rounds
+from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cuts import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.remains import Remains
+from cubepath.protocol.recordings.remains import Remains, remains_of
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import names_file, scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.free_messages import Moved, Tail
 from cubepath.protocol.wire.messages import Report
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """The readable part of a damaged recording, written to a new file."""
+
+    out: Path
+    messages: int
+    rounds: int
+    """The number of rounds that every module has reported, or of levels with commits."""
+    problems: tuple[str, ...]
+
+
+def recover(
+    source: Recording | Remains | Source, out: Path | str, *, scene: Scene | None = None
+) -> Recovered:
+    """Write what can be read of a recording, or was read already, as a whole recording to `out`.
+
+    Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
+    that has lost its own; without one, the messages are written alone, which other tools can read,
+    and which is a recording again when it is recovered with the scene. InputError if no message can
+    be read, if they cannot be of the scene, if `out` is the recording itself, or if it cannot be
+    written.
+
+    >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
+    >>> found.rounds, found.problems, verify("copy.mcap").ok
+    (29, (), True)
+    """
+    given = source if isinstance(source, Recording | Remains) else remains_of(source)
+    out = Path(out)
+    if isinstance(given, Remains):
+        given = given if scene is None else with_told_scene(given, scene)
+        given = given.recording() or given
+    rounds = 0 if isinstance(given, Remains) else whole_rounds(given)
+    count = len(given.records)
+    last = max((record.sequence for record in given.records), default=-1)
+    gap = max(0, last + 1 - count)
+    problems = "; ".join(given.problems) or "no problems"
+    lost = f"; at least {gap} more are missing" if gap else ""
+    note = f"{count} messages of {given.path.name}: {problems}{lost}"
+    messages = copy_recording(given, out, {RECOVERED: note})
+    return Recovered(out, messages, rounds, given.problems)
 
 
 def with_told_scene(remains: Remains, scene: Scene) -> Remains:

@@ -1,0 +1,29 @@
+"""The configuration of a keeper, which the fleet and the simulator give alike."""
+
+from __future__ import annotations
+
+import msgspec
+
+from cubepath.protocol.wire.credentials import GUEST, Credentials
+
+
+class KeeperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The configuration of a keeper."""
+
+    endpoint: str
+    run: str
+    keeper: int
+    keepers: int
+    modules_of: list[list[int]]
+    """The modules of every process: who speaks for whom."""
+    scene: str
+    log: str
+    """The path of the keeper's log."""
+    log_run: str
+    """The run that began the log."""
+    birth: int = 1
+    """How often it has been started, from 1."""
+    commits: int = 0
+    """How many commits are known of it; its log has no fewer."""
+    tell_reads: bool = False
+    credentials: Credentials = GUEST
