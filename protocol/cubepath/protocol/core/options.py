@@ -102,6 +102,6 @@ def _field(name: str, hint: Any) -> OptionField | None:
 
 def check_options(options: Any) -> None:
     """Check all options among the fields of a dataclass; InputError for the first wrong one."""
-    struct: type[object] = type(options)
+    struct: type = type(options)
     for name, field in option_fields(struct).items():
         field.check(getattr(options, name))
