@@ -24,6 +24,7 @@ from cubepath.coordinator.plugins import plugin
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import InputFile, Source, file_within, opened
+from cubepath.protocol.file_forms import FORMS
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
@@ -181,8 +182,6 @@ def verify_certificate(options: argparse.Namespace, given: Source) -> int:
     It is a certificate, a cubes file beside one, or a timetable of vehicles that follow; `given` is
     what to read for it.
     """
-    from cubepath.protocol.path_files.following import is_following  # noqa: PLC0415
-
     if options.recover is not None:
         raise InputError("--recover is for recordings, expected no --of")
     if len(options.logs) > 1:
@@ -193,7 +192,7 @@ def verify_certificate(options: argparse.Namespace, given: Source) -> int:
         raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
     check_files(options, [source, options.of, cubes_file])
     with opened(given) as file:
-        if is_following(file):
+        if FORMS["following timetable"].holds(file):
             code: int = plugin("verify_following")(options, file)
             return code
         return _verify_certificate(options, file, source, cubes_file)

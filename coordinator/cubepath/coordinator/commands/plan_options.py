@@ -10,7 +10,7 @@ from cubepath.coordinator.commands.files import input_path
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
-    from cubepath.protocol.plans.formats import PlanHints
+    from cubepath.protocol.file_forms import PlanHints
 
 INPUT_HELP = (
     "a recording, a moves file (JSON Lines or .npz), a scenario (JSON), or another program's plan;"
@@ -40,7 +40,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
 
 def hints(options: argparse.Namespace) -> PlanHints:
     """Return the hints that the options give."""
-    from cubepath.protocol.plans.formats import PlanHints  # noqa: PLC0415
+    from cubepath.protocol.file_forms import PlanHints  # noqa: PLC0415
 
     return PlanHints(options.format, tuple(options.companions))
 

@@ -221,11 +221,6 @@ def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> N
     _write(target, {**_path_arrays(_CUBES, left), **places})
 
 
-def is_npz(file: InputFile) -> bool:
-    """Return whether a file begins like an .npz file."""
-    return file.head(len(_MAGIC)) == _MAGIC
-
-
 def read_moves_npz(source: Source) -> NumberedPath:
     """Return the path in a file; whether its moves are admissible is not checked.
 

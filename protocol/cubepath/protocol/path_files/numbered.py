@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import BinaryIO, overload
@@ -26,7 +26,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
 from cubepath.protocol.path_files.moves import (
     CubeName,
@@ -192,6 +192,40 @@ def read_path(
     """
     with opened(source) as file:
         return _from_lines(file, scene, progress)
+
+
+def number_names(
+    names: Sequence[GeneratorPlacement], actions: Sequence[Action], moves: NDArray[np.int32]
+) -> NumberedPath:
+    """Return the path whose moves are given by the places of their names, shape (moves,).
+
+    `actions` has the action of each name. Several names may be of one action: the path has the one
+    that comes first in it. From which local state a move goes is left open.
+    """
+    kept = _Kept()
+    met, first = np.unique(moves, return_index=True)
+    number_of = np.zeros(len(names), dtype=np.int32)
+    for name in met[np.argsort(first)].tolist():
+        number_of[name] = kept.add(actions[name], names[name])
+    path = kept.path(None)
+    return replace(path, numbers=number_of[moves], ends=np.full(len(moves), -1, dtype=np.int8))
+
+
+def number_placements(system: System, placed: Iterable[GeneratorPlacement]) -> NumberedPath:
+    """Return the path of moves by generator and place; InputError if the system has no such move.
+
+    From which local state a move goes is left open.
+    """
+    kept = _Kept()
+    known: dict[bytes, int] = {}
+    for each in placed:
+        number = known.get(key := _encode(each))
+        if number is None:
+            action = system.action(each.generator, site_from_json(each.at))
+            number = known[key] = kept.add(action, each)
+        kept.numbers.append(number)
+    kept.ends = [-1] * len(kept.numbers)
+    return kept.path(None)
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
