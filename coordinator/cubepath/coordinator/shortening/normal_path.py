@@ -25,8 +25,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Bound
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints
 from cubepath.protocol.path_files.moves import CubeName
-from cubepath.protocol.path_files.npz import NumberedCubes
-from cubepath.protocol.path_files.numbered import NumberedPath, Progress
+from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath, Progress
 
 _T = TypeVar("_T")
 

@@ -177,6 +177,18 @@ class NumberedPath:
         return self.supports.shown_first(self.numbers[moves], self.ends[moves])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedCubes:
+    """A cube path in numbers: the moves of a path that remain, cube by cube.
+
+    `starts` has shape (cubes + 1,) and `moves` (reduced moves,), both int64: cube i has the moves
+    ``moves[starts[i]:starts[i + 1]]``, as places in the path from 0.
+    """
+
+    starts: NDArray[np.int64]
+    moves: NDArray[np.int64]
+
+
 class IrregularError(CubepathError):
     """`read_path` cannot read the path; `read_moves` can, or says what is wrong."""
 

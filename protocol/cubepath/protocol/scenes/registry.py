@@ -1,7 +1,7 @@
 """The families of scenes by name, of the project and of other distributions.
 
 All are found by the entry points of one group and held to the same rules. The project's own are
-also imported directly: listing what is installed takes longer than anything else at the start of a
+also known directly: listing what is installed takes longer than anything else at the start of a
 process, and a broken distribution must not affect users of other families.
 """
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.families.own import FAMILIES
+from cubepath.protocol.scenes.families.own import OWN_FAMILIES, OWN_KINDS
 from cubepath.protocol.scenes.family import Family
 
 if TYPE_CHECKING:
@@ -25,9 +25,6 @@ GROUP = "cubepath.systems"
 SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals")
 """The keys of a scene's file that are not tables of systems."""
 _OWN = "cubepath"
-_OWN_FAMILIES = {family.name: family for family in FAMILIES}
-OWN_KINDS: Mapping[str, type[System]] = {family.system.table: family.system for family in FAMILIES}
-"""The project's own classes of systems, by the name of their TOML table."""
 
 
 def _entries() -> list[EntryPoint]:
@@ -131,8 +128,8 @@ def _sound() -> Iterator[Family]:
 
 def sound_family(name: str) -> Family | None:
     """Return the family of that name; None if there is none that can be loaded."""
-    if name in _OWN_FAMILIES or not name:
-        return _OWN_FAMILIES.get(name)
+    if name in OWN_FAMILIES or not name:
+        return OWN_FAMILIES.get(name)
     return _sound_families().get(name)
 
 
@@ -156,8 +153,8 @@ def families_of(system: System) -> list[Family]:
     For the project's own classes, only the project's families count: other distributions are
     trusted only about their own systems.
     """
-    own = type(system) in OWN_KINDS.values()
-    known = _OWN_FAMILIES if own else _sound_families()
+    own = OWN_KINDS.get(getattr(system, "table", "")) is type(system)
+    known = OWN_FAMILIES if own else _sound_families()
     return [family for family in known.values() if family.system is type(system)]
 
 

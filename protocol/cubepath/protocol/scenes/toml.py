@@ -18,7 +18,8 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.parsing import parsed_toml
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
+from cubepath.protocol.scenes.families.own import OWN_KINDS
+from cubepath.protocol.scenes.registry import SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"
 
