@@ -225,13 +225,17 @@ class Gathered(ABC):
         placed, names = self._edges.placed, self._edges.names
         return _View(len(names), lambda place: placed[names[place]])
 
+    @property
     def numbered(self) -> NumberedPath:
+        """Return the edge path in numbers."""
+        return self._edges.numbered()
+
+    def checked_path(self) -> NumberedPath:
         """Return the edge path in numbers, with the local state from which each move goes.
 
         InputError names the first move that is not admissible, by its round and module.
         """
-        edges = self._edges
-        path = edges.numbered()
+        edges, path = self._edges, self.numbered
         found = carried_out(path, self.scene.start_state)
         if isinstance(found, InadmissibleMove):
             where = f"round {edges.round_of(found.move)}, module_{edges.movers[found.move]}"

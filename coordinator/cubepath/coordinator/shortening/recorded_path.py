@@ -29,7 +29,7 @@ def recorded_path(recording: Recording) -> RecordedPath:
     if found.unfinished is not None:
         raise InputError(f"{recording.path}: {found.unfinished}")
     try:
-        path = found.numbered()
+        path = found.checked_path()
     except InputError as error:
         raise InputError(f"{recording.path}: {error}") from None
     step: Literal["round", "level"] = "level" if recording.clock == "free" else "round"

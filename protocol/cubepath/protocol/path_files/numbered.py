@@ -206,6 +206,14 @@ def read_path(
         return _from_lines(file, scene, progress)
 
 
+def number_actions(actions: Iterable[Action]) -> NumberedPath:
+    """Return the path of actions, named by their labels; its moves leave open where they start."""
+    kept = _Kept()
+    kept.numbers = [kept.add(action, action.label) for action in actions]
+    kept.ends = [-1] * len(kept.numbers)
+    return kept.path(None)
+
+
 def number_names(
     names: Sequence[GeneratorPlacement], actions: Sequence[Action], moves: NDArray[np.int32]
 ) -> NumberedPath:
