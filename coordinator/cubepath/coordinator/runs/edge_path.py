@@ -23,7 +23,7 @@ from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.protocol.core.actions import Action, why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.numbered import NumberedPath, number_names
 from cubepath.protocol.path_files.schedules import Cubes
@@ -95,7 +95,7 @@ class EdgePath:
         key = _encode(placed)
         found = self._numbers.get(key)
         if found is None:
-            action = self._system.action(placed.generator, site_from_json(placed.at))
+            action = self._system.read_action(placed)
             found = self._numbers[key] = len(self.actions)
             self.placed.append(placed)
             self.actions.append(action)

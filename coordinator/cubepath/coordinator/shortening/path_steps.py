@@ -25,7 +25,7 @@ from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.certificates import Certificate, read_certificate
@@ -164,7 +164,7 @@ def _action(scene: Scene, name: CubeName) -> Action:
             f"move {msgspec.json.encode(name).decode()} is named by an id, expected generator and"
             " place, which say where modules go"
         )
-    return scene.system.action(name.generator, site_from_json(name.at))
+    return scene.system.read_action(name)
 
 
 def _own_scene(given: PathInput) -> Scene:

@@ -25,7 +25,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
 from cubepath.protocol.path_files.moves import (
@@ -241,7 +241,7 @@ def number_placements(system: System, placed: Iterable[GeneratorPlacement]) -> N
     for each in placed:
         number = known.get(key := _encode(each))
         if number is None:
-            action = system.action(each.generator, site_from_json(each.at))
+            action = system.read_action(each)
             number = known[key] = kept.add(action, each)
         kept.numbers.append(number)
     kept.ends = [-1] * len(kept.numbers)
@@ -384,7 +384,7 @@ def _by_generators(
             raise OddError("a generator without a system")
         found = placement_in(line)
         check_keys(line, 2)
-        number = kept.add(scene.system.action(found.generator, site_from_json(found.at)), found)
+        number = kept.add(scene.system.read_action(found), found)
         if len(known) >= _KEPT:
             known.clear()
         known[line] = number
