@@ -38,12 +38,12 @@ from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.protocol.compiled import allowance
+from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.path_files.moves import read_moves, write_cubes
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import number_moves
 from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.path_files.supports import TabledActions
-from cubepath.protocol.plans.formats import PlanHints
 
 SIZES = ((10_000, 30), (100_000, 95), (1_000_000, 300))
 """Moves, and cells on a side of the grid, of which one in ten has a vehicle."""

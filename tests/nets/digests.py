@@ -40,9 +40,9 @@ from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol import Action, InputError, PathMove, Scene, Site
 from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.sites import in_order
+from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.path_files.certificates import write_certificate
 from cubepath.protocol.path_files.durations import Durations
-from cubepath.protocol.plans.formats import PlanHints
 from cubepath.protocol.scenes.toml import scene_from_toml
 
 ROOT = Path(__file__).resolve().parents[2]

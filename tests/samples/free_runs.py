@@ -20,7 +20,7 @@ from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge, RuleType
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.normal_form.certificate import encodable_certificate
+from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
@@ -356,7 +356,7 @@ def results_of(found: FreeGatherer) -> list[FreeMessage]:
     """Return what a coordinator says at the end of what it gathered."""
     last, heap = found.rounds, found.heap
     start = found.scene.start_state
-    proof = encodable_certificate(found.path, start=start, found=heap.normal_form())
+    proof = certificate_of(found.numbered, start=start, found=heap.normal_form(), as_text=True)
     return [
         *(Edges(step.round, list(step.executed)) for step in found.steps),
         *(Cube(last, number, list(cube)) for number, cube in enumerate(found.cubes(), 1)),

@@ -12,8 +12,8 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
+from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.formats import read_plan
 
 Cell = tuple[int, int]
 Steps = list[list[Cell]]

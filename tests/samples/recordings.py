@@ -60,7 +60,17 @@ def recorded(
 ) -> Recording:
     """Return the recording of a real run."""
     path = new_path()
-    run(Plan(spec, rule, seed, hesitate, processes, rounds, path))
+    run(
+        Plan(
+            spec,
+            rule,
+            seed=seed,
+            hesitate=hesitate,
+            processes=processes,
+            max_rounds=rounds,
+            log=path,
+        )
+    )
     return read_recording(path)
 
 

@@ -55,7 +55,7 @@ def lied(spec: str, rule: str, lie: Lie, *, seed: int = 0, rounds: int = 8) -> R
     """Return the recording of a real run in which a module breaks its rule."""
     path = new_path()
     with lying(rule, lie):
-        run(Plan(spec, rule, seed, processes=0, max_rounds=rounds, log=path))
+        run(Plan(spec, rule, seed=seed, processes=0, max_rounds=rounds, log=path))
     return read_recording(path)
 
 

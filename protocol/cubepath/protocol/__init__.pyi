@@ -26,6 +26,7 @@ from cubepath.protocol.core.system import (
     System as System,
     Ways as Ways,
 )
+from cubepath.protocol.file_forms import read_plan as read_plan
 from cubepath.protocol.path_files.following import (
     following_schemas as following_schemas,
     read_following as read_following,
@@ -49,7 +50,6 @@ from cubepath.protocol.path_files.optimality_proofs import (
     read_proof as read_proof,
     write_proof as write_proof,
 )
-from cubepath.protocol.plans.formats import read_plan as read_plan
 from cubepath.protocol.recordings.cutting import (
     filter_recording as filter_recording,
     merge_recordings as merge_recordings,

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 from msgspec.structs import replace
 
-from cubepath.coordinator.normal_form.certificate import encodable_certificate
+from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.edge_path import Step
 from cubepath.coordinator.runs.gatherer import Gatherer
@@ -160,7 +160,7 @@ def end_of_run(gatherer: Gatherer) -> None:
     for index, cube in enumerate(gatherer.cubes(), 1):
         encode(Cube(gatherer.rounds, index, list(cube)))
     heap, start = gatherer.heap, gatherer.scene.start_state
-    proof = encodable_certificate(gatherer.path, start=start, found=heap.normal_form())
+    proof = certificate_of(gatherer.numbered, start=start, found=heap.normal_form(), as_text=True)
     assert len(proof.chain) == heap.cubes == gatherer.rounds
     encode(Certified(gatherer.rounds, proof))
 

@@ -286,7 +286,7 @@ def test_a_bad_moves_file_is_refused_by_file_and_line(tmp_path: Path) -> None:
         shorten(path, system="agw:n=2")
     with pytest.raises(InputError, match=r"missing\.jsonl: No such file"):
         shorten(tmp_path / "missing.jsonl")
-    for text in ("[", '{\n "id": 1', '{"moves": ["a"]}', "\x89"):
+    for text in ("[", '{\n "id": 1', "\x89"):
         path.write_text(text)
         with pytest.raises(InputError, match=r"m\.jsonl:1: "):
             shorten(path)

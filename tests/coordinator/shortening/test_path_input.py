@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.shortening.path_input import Form, read_input
+from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 ROOT = Path(__file__).parents[3]
@@ -25,12 +25,12 @@ ROOM = PlanHints(None, (PLANS / "room.map",))
     [
         (ROOT / "logs" / "golden" / "agv-3.mcap", None, NO_HINTS, "recording", (None, False)),
         (SCENARIO, None, NO_HINTS, "scenario", (12, True)),
-        (PLANS / "lacam.txt", None, ROOM, "plan", (4, True)),
-        (PLANS / "pivots.txt", "hex:n=3", NO_HINTS, "plan", (None, False)),
+        (PLANS / "lacam.txt", None, ROOM, "mapf-log", (4, True)),
+        (PLANS / "pivots.txt", "hex:n=3", NO_HINTS, "plain", (None, False)),
     ],
 )
 def test_a_file_says_what_it_is(
-    source: Path, system: str | None, hints: PlanHints, form: Form, told: tuple[int | None, bool]
+    source: Path, system: str | None, hints: PlanHints, form: str, told: tuple[int | None, bool]
 ) -> None:
     """Its form, its planner's rounds, whether its goals are labelled, and where it comes from."""
     found = read_input(source, system, hints)

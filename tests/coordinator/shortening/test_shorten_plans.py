@@ -15,7 +15,7 @@ from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import PlanHints
+from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.wire.messages import encode
 from samples.plans import DATA
 
@@ -116,7 +116,7 @@ REFUSED: dict[str, tuple[tuple[object, ...], str]] = {
     "no system": ((DATA / "slides.txt",), "a list of moves, expected --system SYSTEM"),
     "no plan": (
         (AGV / "grid8-12agents.json", "--with", ROOM),
-        "a scenario, which needs no other file: expected no --with",
+        "says all itself, expected no --with",
     ),
     "format": (
         (DATA / "lacam.txt", "--format", "lacam"),

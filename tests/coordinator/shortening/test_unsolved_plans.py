@@ -12,7 +12,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import PlanHints
+from cubepath.protocol.file_forms import PlanHints
 from processes.command_line import refused
 from samples.plans import DATA, agents_text, log_text, save
 

@@ -14,14 +14,14 @@ from hypothesis import given, settings, strategies as st
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cubepath.coordinator.normal_form.certificate import certificate_of, certificate_of_numbered
+from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.verification import array_proof
 from cubepath.coordinator.verification.array_proof import carry_out, proves
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
@@ -102,6 +102,14 @@ def test_what_is_tampered_with_is_refused(name: str) -> None:
     )
 
 
+def chain_by_commuting(path: Word, cubes: list[list[int]]) -> list[int]:
+    """Return the first move of the last cube, and down from there the first that blocks each."""
+    found = cubes[-1][:1] if cubes else []
+    for cube in reversed(cubes[:-1]):
+        found.insert(0, next(n for n in cube if not commute(path[n - 1], path[found[0] - 1])))
+    return found
+
+
 @pytest.mark.slow
 @both_ways
 @settings(max_examples=40)
@@ -115,8 +123,9 @@ def test_a_walk_is_certified_and_checked_as_by_its_actions(
     start = data.draw(st.sampled_from([scene(spec).start_state, None]))
     known, became = numbered(path), cancellations(path)
     with plain_steps(steps):
-        found = certificate_of_numbered(known, became, start=start)
-        assert found == certificate_of(path, start=start, found=became)
+        found = certificate_of(known, found=became, start=start)
+        assert found == certificate_of(path, start=start)
+        assert found.chain == chain_by_commuting(path, found.cubes)
         for tamper in data.draw(lists_of(st.sampled_from(TAMPERINGS), max_size=2)):
             found = tamper(found, random)
         ends: list[list[Any] | None] = [found.end, None, [*(found.end or []), "away"]]
@@ -173,7 +182,7 @@ def test_small_paths(steps: int, path: Word) -> None:
     """Nothing, one move, there and back, and on."""
     known, became = numbered(path), cancellations(path)
     with plain_steps(steps):
-        found = certificate_of_numbered(known, became, start=frozenset({1}))
+        found = certificate_of(known, found=became, start=frozenset({1}))
         assert found == certificate_of(path, start=frozenset({1}))
         assert not any(check_numbered(found, known, frozenset({1})).values())
 

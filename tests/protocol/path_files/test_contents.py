@@ -16,11 +16,11 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.file_forms import NO_HINTS
 from cubepath.protocol.path_files import contents, scanning
 from cubepath.protocol.path_files.moves import read_moves
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
 from cubepath.protocol.path_files.supports import TabledActions, ranks, supports_of
-from cubepath.protocol.plans.formats import NO_HINTS
 from oracles.plain_steps import COMPILED, PLAIN, plain_steps
 from samples.strategies import lists_of
 

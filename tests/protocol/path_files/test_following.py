@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import opened
+from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.following import (
     FollowingFile,
     FollowingHead,
     FollowingLine,
     following_schemas,
-    is_following,
     read_following,
     write_following,
 )
@@ -35,16 +34,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     found = read_following(path)
     assert found == FollowingFile(head, (line,))
     assert found.lines[0].times == (Fraction(1), Fraction(5, 2))
-    with opened(path) as file:
-        assert is_following(file)
-
-
-def test_the_first_line_says_what_it_is(tmp_path: Path) -> None:
-    """Neither a moves file nor another JSON document is taken for a timetable."""
-    path = tmp_path / "moves.jsonl"
-    path.write_text('{"generator":"edge","at":[[0,0],[1,0]]}\n')
-    with opened(path) as file:
-        assert not is_following(file)
+    assert form_of(path).name == "following timetable"
 
 
 @pytest.mark.parametrize(

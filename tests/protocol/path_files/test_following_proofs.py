@@ -10,14 +10,13 @@ import pytest
 import zstandard
 
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.following_proofs import (
     FIRST_LINE,
     FollowingProof,
-    is_following_proof,
     read_following_proof,
     write_following_proof,
 )
-from cubepath.protocol.path_files.optimality_proofs import is_proof
 
 PROOF = FollowingProof(
     rule="cgshop",
@@ -48,8 +47,7 @@ def path(tmp_path: Path) -> Path:
 def test_what_is_written_is_read(path: Path) -> None:
     """Every field comes back, and it is no proof about cubes."""
     assert fields(read_following_proof(path)) == fields(PROOF)
-    assert is_following_proof(path)
-    assert not is_proof(path)
+    assert form_of(path).name == "following proof"
 
 
 def test_every_changed_byte_is_refused(path: Path) -> None:

@@ -17,7 +17,6 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import (
-    NumberedCubes,
     holds_cubes,
     read_cubes_npz,
     read_moves_npz,
@@ -27,6 +26,7 @@ from cubepath.protocol.path_files.npz import (
 from cubepath.protocol.path_files.numbered import (
     PORTION,
     IrregularError,
+    NumberedCubes,
     NumberedPath,
     number_moves,
     read_path,

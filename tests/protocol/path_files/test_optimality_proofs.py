@@ -15,12 +15,12 @@ from hypothesis import given, strategies as st
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.optimality_proofs import (
     FIRST_LINE,
     Group,
     Ladder,
     OptimalityProof,
-    is_proof,
     read_proof,
     write_proof,
 )
@@ -72,7 +72,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     found = read_proof(path)
     assert fields(found) == fields(small())
     assert list(found.moves) == [STEP, GUARDED]
-    assert is_proof(path)
+    assert form_of(path).name == "proof"
     write_proof(tmp_path / "b.proof", found)
     assert (tmp_path / "b.proof").read_bytes() == path.read_bytes()
 
@@ -240,7 +240,6 @@ def test_no_file_and_other_files_are_wrong_use(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_proof(tmp_path / "none.proof")
     (tmp_path / "a.proof").write_bytes(b"{}")
-    assert not is_proof(tmp_path / "a.proof")
     with pytest.raises(InputError, match="no proof"):
         read_proof(tmp_path / "a.proof")
     (tmp_path / "a.proof").write_bytes(FIRST_LINE)

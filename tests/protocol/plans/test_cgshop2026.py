@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import read_plan
+from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flips import FlipSystem

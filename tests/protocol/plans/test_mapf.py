@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import read_plan
+from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.systems.graphs import scenario_from_json
 from samples.plans import (
     DATA,

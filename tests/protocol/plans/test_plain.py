@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import FORMATS, read_plan
+from cubepath.protocol.file_forms import FORMS, form_of, read_plan
 from samples.plans import DATA, actions_read, moves_read, plain_text, save
 from samples.strategies import random_walk, scene
 
@@ -158,19 +158,41 @@ def test_a_format_that_is_none_is_refused(spec: str, told: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "content",
+    ("content", "form"),
     [
-        "",
-        "\n\n",
-        '{"generator": "edge", "at": [[0, 0], [1, 0]]}\n',
-        '{"id": "(0,0) -> (1,0)", "support": ["solution="], "trace": ["solution="]}\n',
-        '{"starts": [], "goals": [], "moves": []}\n',
-        "what is this\n",
+        ("", "moves"),
+        ("\n\n", "moves"),
+        ('{"generator": "edge", "at": [[0, 0], [1, 0]]}\n', "moves"),
+        ('{"id": "(0,0) -> (1,0)", "support": ["solution="], "trace": ["solution="]}\n', "moves"),
+        ("what is this\n", "moves"),
+        ('{"starts": [], "goals": [], "moves": []}\n', "scenario"),
+        ('{\n"goals": [],\n"starts": []}\n', "scenario"),
+        ('{"moves": []}\n', "cubes"),
+        ('\n{"moves": ["a"]}\n{"moves": ["b"]}\n', "cubes"),
+        ('{"moves": [], "steps": []}\n', "moves"),
+        ("cubepath proof 1\n", "proof"),
+        ("cubepath following proof 1\n", "following proof"),
+        ('{"format":"cubepath-following-1"}\n', "following timetable"),
+        ('{"format": "cubepath-certificate-1"}', "certificate"),
     ],
 )
-def test_what_is_no_plan_is_left_to_others(tmp_path: Path, content: str) -> None:
-    """Moves files, scenarios and what nobody knows are none of these formats."""
-    assert read_plan(save(tmp_path / "file", content)) is None
+def test_a_file_is_what_its_content_says(tmp_path: Path, content: str, form: str) -> None:
+    """What is of no known form is a moves file, and none of these is a plan but a scenario."""
+    path = save(tmp_path / "file", content)
+    assert form_of(path).name == form
+    if form != "scenario":
+        with pytest.raises(InputError, match="expected"):
+            read_plan(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [("a.mcap", "recording"), ("a.npz", "binary moves"), ("a.proof", "proof")]
+)
+def test_a_file_with_unknown_content_is_what_its_name_says(
+    tmp_path: Path, name: str, form: str
+) -> None:
+    """So its reader says what is wrong with it; only where that is no text."""
+    assert form_of(save(tmp_path / name, "what is this\n")).name == form
 
 
 @pytest.mark.parametrize("name", ["train.instance.json", "kite.instance.json"])
@@ -182,7 +204,7 @@ def test_an_instance_is_no_plan(name: str) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     """One line, whatever the format."""
-    for name in FORMATS:
+    for name in [form.name for form in FORMS.values() if form.plan]:
         with pytest.raises(InputError):
             read_plan(tmp_path / "none", name, companions=[tmp_path / "no map"], system="hex:n=3")
     with pytest.raises(InputError, match="No such file"):

@@ -10,10 +10,8 @@ import pytest
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import opened
-from cubepath.protocol.plans.formats import read_plan
+from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.plans.imported import VehicleMove, VehiclePlan
-from cubepath.protocol.plans.scenario import read_scenario
 from faces import ROOT
 
 IMPORTS = ROOT / "tests" / "data" / "imports"
@@ -23,7 +21,6 @@ AHEAD = [*RING[1:], RING[0]]
 
 def vehicles(path: Path, *companions: Path) -> VehiclePlan:
     found = read_plan(path, companions=companions)
-    assert found is not None
     assert found.vehicles is not None
     return found.vehicles()
 
@@ -31,10 +28,7 @@ def vehicles(path: Path, *companions: Path) -> VehiclePlan:
 def scenario(tmp_path: Path, **keys: Any) -> VehiclePlan:
     path = tmp_path / "plan.json"
     path.write_text(json.dumps({"starts": RING, "goals": AHEAD, "grid": [2, 2]} | keys))
-    with opened(path) as file:
-        found = read_scenario(file).vehicles
-        assert found is not None
-        return found()
+    return vehicles(path)
 
 
 def rounds(plan: VehiclePlan) -> list[tuple[int, int | None]]:
@@ -71,7 +65,6 @@ def test_a_rotation_of_cgshop2021(tmp_path: Path) -> None:
 def test_the_moves_are_those_of_the_path(name: str, companion: str) -> None:
     """Without rotations the same moves come in the same order, and rounds never decrease."""
     path = read_plan(IMPORTS / name, companions=[IMPORTS / companion])
-    assert path is not None
     named = [move.name.at for move in path.moves if isinstance(move.name, GeneratorPlacement)]
     plan = vehicles(IMPORTS / name, IMPORTS / companion)
     assert [tuple(sorted((move.source, move.target))) for move in plan.moves] == named
@@ -96,11 +89,9 @@ def test_the_order_of_moves_in_a_round_says_nothing(tmp_path: Path, order: list[
     keys = {"grid": [4, 1], "starts": [a for a, _ in train], "goals": [b for _, b in train]}
     keys |= {"moves": [train[which] for which in order], "rounds": [3]}
     path.write_text(json.dumps(keys))
-    with opened(path) as file:
-        found = read_scenario(file)
-        assert [set(move.before or ()) for move in found.moves] == [{(2, 0)}, {(1, 0)}, {(0, 0)}]
-        assert found.vehicles is not None
-        assert rounds(found.vehicles()) == [(2, 1), (1, 1), (0, 1)]
+    found = read_plan(path)
+    assert [set(move.before or ()) for move in found.moves] == [{(2, 0)}, {(1, 0)}, {(0, 0)}]
+    assert rounds(vehicles(path)) == [(2, 1), (1, 1), (0, 1)]
 
 
 def test_a_scenario_without_rounds(tmp_path: Path) -> None:

@@ -122,7 +122,18 @@ def test_a_log_time_that_is_neither_is_found() -> None:
 def test_a_run_recorded_both_ways_is_one_run() -> None:
     """It verifies and replays, and has the same moves; its parameters say which it is."""
     log = new_path()
-    run(Plan("hex:n=4", "chain", 5, 0.3, 0, 20, log, log_time="wall"))
+    run(
+        Plan(
+            "hex:n=4",
+            "chain",
+            seed=5,
+            hesitate=0.3,
+            processes=0,
+            max_rounds=20,
+            log=log,
+            log_time="wall",
+        )
+    )
     found = read_recording(log)
     assert found.parameters["log_time"] == "wall"
     assert log_times(log) == [record.wall_ns for record in found.records]

@@ -17,7 +17,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import function, whole_number
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved
 
@@ -50,7 +50,7 @@ class FreePlayed:
     def path(self) -> tuple[Action, ...]:
         """The edge path, in the order of the commits."""
         system = self.scene.system
-        return tuple(system.action(each.generator, site_from_json(each.at)) for each in self.placed)
+        return tuple(system.read_action(each) for each in self.placed)
 
     @property
     def placed(self) -> tuple[GeneratorPlacement, ...]:

@@ -20,6 +20,7 @@ from cubepath.protocol.core.output_files import (
     is_special,
     same_file,
 )
+from cubepath.protocol.file_forms import FORMS
 
 PATH_SUFFIXES = (".jsonl", ".npz")
 """The suffixes of files of moves and cubes: JSON Lines, and the binary form."""
@@ -141,10 +142,8 @@ def _check_stream(options: argparse.Namespace, output: Output) -> None:
 
 
 def _check_no_recording(path: Path) -> None:
-    from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415 - when needed
-
     if is_special(path) or not path.is_file():
         return
     with opened(path) as file:
-        if is_recording(file):
+        if FORMS["recording"].holds(file):
             raise InputError(f"{path}: is a recording, which is kept: expected another file")

@@ -13,8 +13,8 @@ from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
+    from cubepath.protocol.file_forms import PlanHints
     from cubepath.protocol.path_files.durations import Durations
-    from cubepath.protocol.plans.formats import PlanHints
 
 _NAMED = re.compile(r"^[^/]*=")
 """A duration by its name, rather than a file; ``./a=b`` is a file."""
@@ -90,7 +90,7 @@ def given_durations(options: argparse.Namespace) -> Durations | None:
 
 def hints(options: argparse.Namespace) -> PlanHints:
     """Return the hints that the options give."""
-    from cubepath.protocol.plans.formats import PlanHints  # noqa: PLC0415
+    from cubepath.protocol.file_forms import PlanHints  # noqa: PLC0415
 
     return PlanHints(options.format, tuple(options.companions))
 

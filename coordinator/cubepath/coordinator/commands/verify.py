@@ -130,7 +130,7 @@ def _verify_of_a_path(options: argparse.Namespace, given: Source) -> int:
     It is a certificate, a cubes file beside one, or a timetable of vehicles that follow; `given` is
     what to read for it.
     """
-    from cubepath.protocol.path_files.following import is_following  # noqa: PLC0415
+    from cubepath.protocol.file_forms import FORMS  # noqa: PLC0415
 
     if len(options.logs) > 1:
         raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
@@ -140,7 +140,7 @@ def _verify_of_a_path(options: argparse.Namespace, given: Source) -> int:
         raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
     check_files(options, [source, options.of, cubes_file])
     with opened(given) as file:
-        if is_following(file):
+        if FORMS["following timetable"].holds(file):
             code: int = plugin("verify_following")(options, file)
             return code
         return _verify_certificate(options, file, source, cubes_file)

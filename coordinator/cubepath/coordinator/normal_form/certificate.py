@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.array_heap import NormalForm
-from cubepath.coordinator.normal_form.compiled_heap import cancellations
+from cubepath.coordinator.normal_form.compiled_heap import normal_form_of
 from cubepath.protocol.compiled import compiled
-from cubepath.protocol.core.actions import Action, State, commute
+from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.path_files.numbered import NumberedPath, number_actions
 from cubepath.protocol.path_files.supports import TRACE, Rows, Supports
 
 _PIECE = 4096
@@ -30,13 +30,19 @@ _encode = msgspec.json.Encoder().encode
 
 
 def certificate_of(
-    path: Sequence[Action], *, start: State | None = None, found: NormalForm | None = None
+    path: Sequence[Action] | NumberedPath,
+    *,
+    start: State | None = None,
+    found: NormalForm | None = None,
+    as_text: bool = False,
 ) -> Certificate:
     """Return the certificate of an admissible edge path.
 
     If `start`, the state before the first move, is given, the certificate lists the sites that are
     on at the end. `found` is what becomes of each move, if that is known already; otherwise a heap
-    is built. Beyond that, the time is at most one call of `commute` for each remaining move.
+    is built. With `as_text` the certificate is for encoding, and for nothing else: its pairs and
+    cubes are JSON text already, made piece by piece, since as lists they would take some hundred
+    bytes a move.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> found = certificate_of([step, far, step])
@@ -45,55 +51,21 @@ def certificate_of(
     >>> certificate_of([step], start={1, 7}).end
     [2, 7]
     """
-    parts = _Parts(cancellations(path) if found is None else found)
+    numbered = path if isinstance(path, NumberedPath) else number_actions(path)
+    numbers, supports = numbered.numbers, numbered.supports
+    parts = _Parts(normal_form_of(numbers, supports) if found is None else found)
+    cancelled: Any
+    cubes: Any
+    if as_text:
+        cancelled, cubes = _joined(parts.pairs()), _joined([cube] for cube in parts.cubes())
+    else:
+        cancelled, cubes = [pair for some in parts.pairs() for pair in some], [*parts.cubes()]
     return Certificate(
-        moves=len(path),
-        cancelled=[pair for some in parts.pairs() for pair in some],
-        cubes=[*parts.cubes()],
-        chain=_chain(path, parts),
-        end=None if start is None else list(in_order(_end(path, start))),
-    )
-
-
-def encodable_certificate(
-    path: Sequence[Action], *, start: State | None = None, found: NormalForm | None = None
-) -> Certificate:
-    """Return the certificate of a path for encoding, and for nothing else.
-
-    Its pairs and cubes are JSON text already, made piece by piece: as lists they would take some
-    hundred bytes a move.
-
-    >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
-    >>> path = [step, far, step]
-    >>> _encode(encodable_certificate(path)) == _encode(certificate_of(path))
-    True
-    """
-    parts = _Parts(cancellations(path) if found is None else found)
-    pairs: Any = _joined(parts.pairs())
-    cubes: Any = _joined([cube] for cube in parts.cubes())
-    return Certificate(
-        moves=len(path),
-        cancelled=pairs,
+        moves=len(numbers),
+        cancelled=cancelled,
         cubes=cubes,
-        chain=_chain(path, parts),
-        end=None if start is None else list(in_order(_end(path, start))),
-    )
-
-
-def certificate_of_numbered(
-    path: NumberedPath, found: NormalForm, *, start: State | None = None
-) -> Certificate:
-    """Return the certificate of a path in numbers, of which `found` says what becomes of each move.
-
-    It is what `certificate_of` returns for the actions of the path, none of which is built.
-    """
-    parts = _Parts(found)
-    return Certificate(
-        moves=len(path.numbers),
-        cancelled=[pair for some in parts.pairs() for pair in some],
-        cubes=[*parts.cubes()],
-        chain=parts.chain(path.numbers, path.supports),
-        end=None if start is None else list(in_order(end_of(path, start))),
+        chain=parts.chain(numbers, supports),
+        end=None if start is None else list(in_order(end_of(numbered, start))),
     )
 
 
@@ -119,10 +91,9 @@ class _Parts:
         self._later = later.astype(np.int32) + 1
         self._earlier = partners[later] + 1
 
-    def cubes(self, *, from_the_last: bool = False) -> Iterator[list[int]]:
+    def cubes(self) -> Iterator[list[int]]:
         """Yield the moves of each cube in the order of the path."""
-        places = range(len(self._ends) - 1)
-        for place in reversed(places) if from_the_last else places:
+        for place in range(len(self._ends) - 1):
             found: list[int] = self._order[self._ends[place] : self._ends[place + 1]].tolist()
             yield found
 
@@ -133,7 +104,11 @@ class _Parts:
             yield list(zip(*some, strict=True))
 
     def chain(self, numbers: NDArray[np.int32], supports: Supports) -> list[int]:
-        """Return what `_chain` does, from the rows of the actions."""
+        """Return the first move of the last cube, and down from there the first that blocks each.
+
+        Under every piece of a heap lies a piece of the level below that does not commute with it,
+        and every piece of that level that does not commute with it lies under it.
+        """
         rows = supports.rows
         found = np.zeros(len(self._ends) - 1, dtype=np.int64)
         marks = np.zeros(len(supports.sites), dtype=np.int64)
@@ -146,22 +121,6 @@ class _Parts:
         return chain
 
 
-def _chain(path: Sequence[Action], parts: _Parts) -> list[int]:
-    """Return the first move of the last cube, and down from there the first that blocks each move.
-
-    Under every piece of a heap lies a piece of the level below that does not commute with it, and
-    every piece of that level that does not commute with it lies under it.
-    """
-    found: list[int] = []
-    for cube in parts.cubes(from_the_last=True):
-        if not found:
-            found.append(cube[0])
-            continue
-        action = path[found[-1] - 1]
-        found.append(next(move for move in cube if not commute(path[move - 1], action)))
-    return found[::-1]
-
-
 @compiled
 def _descend(
     rows: Rows,
@@ -170,7 +129,7 @@ def _descend(
     marks: NDArray[np.int64],
     found: NDArray[np.int64],
 ) -> bool:
-    """Write the chain of `_chain` into `found`, as places in `pieces`; return whether there is one.
+    """Write the chain into `found`, as places in `pieces`; return whether there is one.
 
     Cube i, from 0, has the actions ``pieces[ends[i]:ends[i + 1]]``; `marks` has a 0 for each site.
     """
@@ -193,14 +152,6 @@ def _descend(
         for index in range(starts[number], starts[number + 1]):
             marks[sites[index]] = 2 * cube + (1 if says[index] & TRACE else 0)
     return True
-
-
-def _end(path: Iterable[Action], start: State) -> set[Site]:
-    state = set(start)
-    for action in path:
-        # One local state replaces the other, so exactly the sites where they differ change.
-        state ^= action.ends[0] ^ action.ends[1]
-    return state
 
 
 class Link(NamedTuple):

@@ -23,6 +23,7 @@ from cubepath.coordinator.normal_form.array_heap import (
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Ordinals, Site, in_order
+from cubepath.protocol.path_files.numbered import number_actions
 from cubepath.protocol.path_files.supports import TRACE, Supports
 
 _QUEUE = 4096
@@ -122,19 +123,14 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
     >>> cancellations([step, far, step]).levels.tolist()
     [0, 1, 0]
     """
-    numbering = Numbering()
-    numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
-    return _normal_form(numbers, numbering)
+    path = number_actions(actions)
+    return normal_form_of(path.numbers, path.supports)
 
 
 def normal_form_of(numbers: Numbers, supports: Supports) -> NormalForm:
     """Return what becomes of each move of a path, given as the rows of distinct actions."""
     written, read = supports.part(TRACE, TRACE), supports.part(TRACE, 0)
     return normal_form(numbers, ActionTable(*written, *read))
-
-
-def _normal_form(numbers: Numbers, numbering: Numbering) -> NormalForm:
-    return normal_form(numbers, numbering.table() or ActionTable(*_rows([]), *_rows([])))
 
 
 def cubes_of(

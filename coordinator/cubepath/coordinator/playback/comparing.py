@@ -17,7 +17,6 @@ from cubepath.coordinator.verification.transcript import is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
-from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.records import Record
@@ -257,9 +256,7 @@ class Comparison:
 
     def _actions(self, cube: Cube) -> frozenset[Action]:
         system = self._recording.scene.system
-        return frozenset(
-            system.action(move.generator, site_from_json(move.at)) for move in cube.moves
-        )
+        return frozenset(system.read_action(move) for move in cube.moves)
 
     def _not_proved(self) -> Iterator[str]:
         path = [action for step in self._gatherer.steps for action in step.actions]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from cubepath.coordinator.normal_form.certificate import encodable_certificate
+from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
@@ -171,8 +171,11 @@ def results_of(
     """
     rounds = gatherer.rounds
     heap = gatherer.heap
-    proof = encodable_certificate(
-        gatherer.path, start=gatherer.scene.start_state, found=heap.normal_form()
+    proof = certificate_of(
+        gatherer.numbered,
+        start=gatherer.scene.start_state,
+        found=heap.normal_form(),
+        as_text=True,
     )
     summary = Summary(
         round=rounds,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -17,11 +18,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.numbered import NumberedPath, number_names
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.wire.messages import Executed
 
@@ -91,7 +95,7 @@ class EdgePath:
         key = _encode(placed)
         found = self._numbers.get(key)
         if found is None:
-            action = self._system.action(placed.generator, site_from_json(placed.at))
+            action = self._system.read_action(placed)
             found = self._numbers[key] = len(self.actions)
             self.placed.append(placed)
             self.actions.append(action)
@@ -105,6 +109,15 @@ class EdgePath:
         found.names = array("i", np.array(self.names, np.int32)[order].tobytes())
         found.ends = array("q", np.cumsum(sizes, dtype=np.int64).tobytes())
         return found
+
+    def numbered(self) -> NumberedPath:
+        """Return the path with each distinct action once, however many names it has."""
+        moves = np.frombuffer(self.names, dtype=np.int32).copy()
+        return number_names(self.placed, self.actions, moves)
+
+    def round_of(self, move: int) -> int:
+        """Return the round of a move, by its place from 0."""
+        return bisect_right(self.ends, move) + 1
 
     def step(self, place: int) -> Step:
         """Return a round, by its place from 0."""
@@ -205,6 +218,35 @@ class Gathered(ABC):
         """Return the edge path as one sequence of actions, which takes no memory of its own."""
         actions, names = self._edges.actions, self._edges.names
         return _View(len(names), lambda place: actions[names[place]])
+
+    @property
+    def placed(self) -> Sequence[GeneratorPlacement]:
+        """Return the edge path, each move as a generator and a place."""
+        placed, names = self._edges.placed, self._edges.names
+        return _View(len(names), lambda place: placed[names[place]])
+
+    @property
+    def numbered(self) -> NumberedPath:
+        """Return the edge path in numbers."""
+        return self._edges.numbered()
+
+    def checked_path(self) -> NumberedPath:
+        """Return the edge path in numbers, with the local state from which each move goes.
+
+        InputError names the first move that is not admissible, by its round and module.
+        """
+        edges, path = self._edges, self.numbered
+        found = carried_out(path, self.scene.start_state)
+        if isinstance(found, InadmissibleMove):
+            where = f"round {edges.round_of(found.move)}, module_{edges.movers[found.move]}"
+            why = why_inadmissible(path.each_action[found.move], found.state)
+            raise InputError(f"{where}: {why}")
+        return found
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Return the number of moves of each round, or of each level."""
+        return tuple(np.diff(self._edges.ends, prepend=0).tolist())
 
     @property
     def reached(self) -> bool:

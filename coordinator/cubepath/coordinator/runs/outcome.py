@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,11 +100,9 @@ class Outcome:
         return self.gathered.scene
 
     @property
-    def placed(self) -> Iterator[GeneratorPlacement]:
+    def placed(self) -> Sequence[GeneratorPlacement]:
         """The edge path, each move as a generator and a place."""
-        for step in self.gathered.steps:
-            for move in step.executed:
-                yield GeneratorPlacement(move.generator, move.at)
+        return self.gathered.placed
 
     @property
     def schedule(self) -> Cubes:

@@ -23,12 +23,13 @@ from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.input_files import InputFile, check_not_empty, opened
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text, to_json
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
-from cubepath.protocol.recordings.recording import is_recording, read_undamaged
+from cubepath.protocol.recordings.recording import read_undamaged
 from cubepath.protocol.wire.messages import Stopped
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -51,8 +52,7 @@ def read_schedule(path: Path) -> Schedule:
     contradict each other.
     """
     with opened(path) as file:
-        check_not_empty(file)
-        if not is_recording(file):
+        if form_of(file).name != "recording":
             return Schedule(file.path, _cubes(file))
         recording = read_undamaged(file)
     gatherer = gathered_in_full(recording)

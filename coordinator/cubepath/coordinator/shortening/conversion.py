@@ -17,17 +17,11 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.output_files import same_file
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.moves import write_cubes
-from cubepath.protocol.path_files.npz import (
-    holds_cubes,
-    is_npz,
-    read_cubes_npz,
-    write_moves_npz,
-)
+from cubepath.protocol.path_files.npz import read_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import Progress
 from cubepath.protocol.path_files.path_lines import write_path
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
-from cubepath.protocol.recordings.recording import is_recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +59,7 @@ def convert(
         raise InputError(f"{target}: is the input, expected another file")
     binary = target.suffix.lower() == ".npz"
     with opened(source) as file:
-        if is_npz(file) and holds_cubes(file):
+        if form_of(file).name == "binary cubes":
             if binary:
                 raise InputError(
                     f"{file.path}: holds cubes already as .npz, expected another name than"
@@ -104,7 +98,7 @@ def _read(
     path: Path, system: str | None, hints: PlanHints, progress: Callable[[int], object] | None
 ) -> PathInput:
     with opened(path) as file:
-        if is_recording(file):
+        if form_of(file).name == "recording":
             return read_input(file, None, NO_HINTS, progress)
         return read_input(file, system, hints, progress)
 

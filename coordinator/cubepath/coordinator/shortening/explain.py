@@ -14,7 +14,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from cubepath.coordinator.normal_form.certificate import certificate_of_numbered, link
+from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
@@ -35,7 +35,7 @@ def certified_path(found: Shortened) -> Certificate:
     It lists the sites that are on at the end if the path lists those at the start.
     """
     path, start = found.path, found.given.start
-    certificate = certificate_of_numbered(path, found.normal_form, start=start)
+    certificate = certificate_of(path, start=start, found=found.normal_form)
     for check, why in check_numbered(certificate, path, start).items():
         if why is not None:
             raise CheckError(f"the certificate does not hold: {check}: {why}")

@@ -23,10 +23,9 @@ from cubepath.coordinator.shortening.path_input import HasPath, PathInput, input
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Bound
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints
 from cubepath.protocol.path_files.moves import CubeName
-from cubepath.protocol.path_files.npz import NumberedCubes
-from cubepath.protocol.path_files.numbered import NumberedPath, Progress
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
+from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath, Progress
 
 _T = TypeVar("_T")
 

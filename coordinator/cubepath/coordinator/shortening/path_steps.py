@@ -25,18 +25,14 @@ from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.certificates import Certificate, read_certificate
-from cubepath.protocol.path_files.moves import CubeName, read_cubes
-from cubepath.protocol.path_files.npz import holds_cubes, is_npz, read_cubes_npz
+from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.numbered import Progress
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.listed import TabledSystem
-
-_HEAD_BYTES = 1 << 16
-_FORMAT = str(Certificate.__struct_config__.tag)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,26 +66,14 @@ def read_steps(
     for `read_input`, if the moves of a cube do not commute or are not admissible, and if nothing
     says where modules are.
     """
-    cubes = _cubes_in(file)
-    if cubes is not None:
-        return _of_cubes(file.path, cubes, system, hints)
+    form = form_of(file)
+    if form.name in {"cubes", "binary cubes"}:
+        return _of_cubes(file.path, form.read(file), system, hints)
     given = read_input(file, system, hints, progress)
     found = shortened(given)
     scene = given.scene or _own_scene(given)
     steps = [(action,) for action in given.actions]
     return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)
-
-
-def is_certificate(file: InputFile) -> bool:
-    """Return whether a file is a certificate: one JSON document, which says so itself."""
-    # A moves file may be too large to be looked through for that.
-    if file.path.suffix.lower() != ".json" and _FORMAT.encode() not in file.head(_HEAD_BYTES):
-        return False
-    try:
-        found = msgspec.json.decode(file.whole())
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return False
-    return isinstance(found, dict) and found.get("format") == _FORMAT
 
 
 def certified_steps(
@@ -136,19 +120,6 @@ def _fates(certificate: Certificate) -> NormalForm:
     return NormalForm(levels, partners)
 
 
-def _cubes_in(file: InputFile) -> Iterable[tuple[CubeName, ...]] | None:
-    """Return the cubes of a cubes file of either form, None for any other file."""
-    if is_npz(file):
-        return read_cubes_npz(file) if holds_cubes(file) else None
-    for _, line in file.numbered_lines():
-        try:
-            found = msgspec.json.decode(line)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            return None
-        return read_cubes(file) if isinstance(found, dict) and set(found) == {"moves"} else None
-    return None
-
-
 def _of_cubes(
     path: Path, cubes: Iterable[tuple[CubeName, ...]], system: str | None, hints: PlanHints
 ) -> PathSteps:
@@ -193,7 +164,7 @@ def _action(scene: Scene, name: CubeName) -> Action:
             f"move {msgspec.json.encode(name).decode()} is named by an id, expected generator and"
             " place, which say where modules go"
         )
-    return scene.system.action(name.generator, site_from_json(name.at))
+    return scene.system.read_action(name)
 
 
 def _own_scene(given: PathInput) -> Scene:

@@ -164,6 +164,6 @@ def _move(recording: Recording, where: str, move: GeneratorPlacement | None) -> 
     if move is None:
         return
     try:
-        recording.scene.system.action(move.generator, site_from_json(move.at))
+        recording.scene.system.read_action(move)
     except InputError as error:
         yield f"{where}: {error}"

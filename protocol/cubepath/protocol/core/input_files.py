@@ -131,17 +131,6 @@ def _stream(source: Path) -> io.BufferedReader:
     return os.fdopen(os.dup(0), "rb")
 
 
-_TOLD_BY_NAME = {".json": "JSON", ".mcap": "an MCAP recording", ".npz": "arrays of numpy"}
-"""What files with these suffixes hold, which are never empty."""
-
-
-def check_not_empty(file: InputFile) -> None:
-    """Raise InputError for an empty file whose name says that it holds more than lines."""
-    expected = _TOLD_BY_NAME.get(file.path.suffix.lower())
-    if expected is not None and not file.head(1):
-        raise InputError(f"{file.path}: empty file, expected {expected}")
-
-
 def file_within(folder: Path, name: Path | str) -> Path:
     """Return the path of what an input in a folder names, or of a file in a folder that you gave.
 

@@ -26,12 +26,12 @@ from collections.abc import (
 )
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Catalogue, Move
+from cubepath.protocol.core.catalogue import Catalogue, Json, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -54,6 +54,20 @@ class VehicleGraph:
     index: Mapping[Site, int]
     near: Mapping[Site, tuple[Site, ...]]
     edges: tuple[tuple[Site, Site], ...]
+
+
+class Placed(Protocol):
+    """What names an action: a generator, and its place as JSON has it."""
+
+    @property
+    def generator(self) -> str:
+        """The name of the generator."""
+        ...
+
+    @property
+    def at(self) -> Json:
+        """Where it is placed."""
+        ...
 
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
@@ -194,6 +208,10 @@ class System(ABC):
 
         It is the same object each time, and the one in `moves`, while it is cached (`KEPT`).
         """
+
+    def read_action(self, placed: Placed) -> Action:
+        """Return the action of a generator and a place in JSON form; InputError if unknown."""
+        return self.action(placed.generator, site_from_json(placed.at))
 
     def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
         """Return the move of this generator and place whose mover is a module at `site`.

@@ -98,13 +98,6 @@ _head = msgspec.json.Decoder(FollowingHead).decode
 _line = msgspec.json.Decoder(FollowingLine).decode
 
 
-def is_following(file: InputFile) -> bool:
-    """Return whether a file is such a timetable: its first line says so."""
-    return file.head(_HEAD_BYTES).lstrip().startswith(b'{"format":') and (
-        f'"{FORMAT}"'.encode() in file.head(_HEAD_BYTES).partition(b"\n")[0]
-    )
-
-
 def read_following(source: Source) -> FollowingFile:
     """Read a timetable; InputError, with file and line, at the first invalid line.
 

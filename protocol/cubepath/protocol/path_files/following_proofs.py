@@ -97,12 +97,6 @@ def write_following_proof(path: Path | str, proof: FollowingProof) -> None:
         out.end()
 
 
-def is_following_proof(source: Source) -> bool:
-    """Return whether a file begins as such a proof does; InputError if it cannot be read."""
-    with opened(source) as file:
-        return file.head(len(FIRST_LINE)) == FIRST_LINE
-
-
 def read_following_proof(source: Source) -> FollowingProof:
     """Read a proof whose checksums all hold.
 

@@ -17,7 +17,6 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -33,7 +32,7 @@ from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.moves import NAME, CubeName, MoveName, named_action
-from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath
 from cubepath.protocol.path_files.supports import (
     FIRST,
     FREE,
@@ -188,18 +187,6 @@ _values = msgspec.json.Decoder(list[Json]).decode
 Arrays = Mapping[str, NDArray[Any]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NumberedCubes:
-    """A cube path in numbers: the moves of a path that remain, cube by cube.
-
-    `starts` has shape (cubes + 1,) and `moves` (reduced moves,), both int64: cube i has the moves
-    ``moves[starts[i]:starts[i + 1]]``, as places in the path from 0.
-    """
-
-    starts: NDArray[np.int64]
-    moves: NDArray[np.int64]
-
-
 def write_moves_npz(target: Path, path: NumberedPath) -> None:
     """Write a path; the file is complete or unchanged. InputError if it cannot be written."""
     _write(target, _path_arrays(_MOVES, path))
@@ -219,11 +206,6 @@ def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> N
     )
     places = {"cube_starts": cubes.starts, "places": cubes.moves}
     _write(target, {**_path_arrays(_CUBES, left), **places})
-
-
-def is_npz(file: InputFile) -> bool:
-    """Return whether a file begins like an .npz file."""
-    return file.head(len(_MAGIC)) == _MAGIC
 
 
 def read_moves_npz(source: Source) -> NumberedPath:

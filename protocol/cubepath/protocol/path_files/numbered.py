@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import BinaryIO, overload
@@ -25,8 +25,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
 from cubepath.protocol.path_files.moves import (
     CubeName,
@@ -177,6 +177,18 @@ class NumberedPath:
         return self.supports.shown_first(self.numbers[moves], self.ends[moves])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedCubes:
+    """A cube path in numbers: the moves of a path that remain, cube by cube.
+
+    `starts` has shape (cubes + 1,) and `moves` (reduced moves,), both int64: cube i has the moves
+    ``moves[starts[i]:starts[i + 1]]``, as places in the path from 0.
+    """
+
+    starts: NDArray[np.int64]
+    moves: NDArray[np.int64]
+
+
 class IrregularError(CubepathError):
     """`read_path` cannot read the path; `read_moves` can, or says what is wrong."""
 
@@ -192,6 +204,48 @@ def read_path(
     """
     with opened(source) as file:
         return _from_lines(file, scene, progress)
+
+
+def number_actions(actions: Iterable[Action]) -> NumberedPath:
+    """Return the path of actions, named by their labels; its moves leave open where they start."""
+    kept = _Kept()
+    kept.numbers = [kept.add(action, action.label) for action in actions]
+    kept.ends = [-1] * len(kept.numbers)
+    return kept.path(None)
+
+
+def number_names(
+    names: Sequence[GeneratorPlacement], actions: Sequence[Action], moves: NDArray[np.int32]
+) -> NumberedPath:
+    """Return the path whose moves are given by the places of their names, shape (moves,).
+
+    `actions` has the action of each name. Several names may be of one action: the path has the one
+    that comes first in it. From which local state a move goes is left open.
+    """
+    kept = _Kept()
+    met, first = np.unique(moves, return_index=True)
+    number_of = np.zeros(len(names), dtype=np.int32)
+    for name in met[np.argsort(first)].tolist():
+        number_of[name] = kept.add(actions[name], names[name])
+    path = kept.path(None)
+    return replace(path, numbers=number_of[moves], ends=np.full(len(moves), -1, dtype=np.int8))
+
+
+def number_placements(system: System, placed: Iterable[GeneratorPlacement]) -> NumberedPath:
+    """Return the path of moves by generator and place; InputError if the system has no such move.
+
+    From which local state a move goes is left open.
+    """
+    kept = _Kept()
+    known: dict[bytes, int] = {}
+    for each in placed:
+        number = known.get(key := _encode(each))
+        if number is None:
+            action = system.read_action(each)
+            number = known[key] = kept.add(action, each)
+        kept.numbers.append(number)
+    kept.ends = [-1] * len(kept.numbers)
+    return kept.path(None)
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
@@ -330,7 +384,7 @@ def _by_generators(
             raise OddError("a generator without a system")
         found = placement_in(line)
         check_keys(line, 2)
-        number = kept.add(scene.system.action(found.generator, site_from_json(found.at)), found)
+        number = kept.add(scene.system.read_action(found), found)
         if len(known) >= _KEPT:
             known.clear()
         known[line] = number

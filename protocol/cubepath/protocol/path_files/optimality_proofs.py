@@ -160,12 +160,6 @@ def _move_to_json(move: GeneratorPlacement | Action) -> Any:
     )
 
 
-def is_proof(source: Source) -> bool:
-    """Return whether a file begins as a proof does; InputError if it cannot be read."""
-    with opened(source) as file:
-        return file.head(len(FIRST_LINE)) == FIRST_LINE
-
-
 def read_proof(source: Source) -> OptimalityProof:
     """Read a proof whose checksums all hold.
 

@@ -70,11 +70,6 @@ class _Solution(msgspec.Struct):
     steps: list[dict[str, str]]
 
 
-def looks_like_cgshop2021(head: bytes) -> bool:
-    """Return whether a JSON object has the keys of a solution."""
-    return b'"steps"' in head and b'"instance"' in head
-
-
 def read_cgshop2021(request: PlanRequest) -> ImportedPath:
     """Read a solution, with its instance in a second file; errors as `ImportedPath` says."""
     path = request.path

@@ -60,11 +60,6 @@ class _Solution(msgspec.Struct):
     meta: dict[str, Any] = {}
 
 
-def looks_like_cgshop2026(head: bytes) -> bool:
-    """Return whether a JSON object has the keys of a solution."""
-    return b'"flips"' in head and b'"instance_uid"' in head
-
-
 def read_cgshop2026(request: PlanRequest) -> ImportedPath:
     """Read the flips of one triangulation, with a second file; errors as `ImportedPath` says."""
     path = request.path

@@ -121,21 +121,6 @@ def _flipped(height: int, cell: Cell) -> Cell:
     return (cell[0], height - cell[1])
 
 
-def looks_like_log(head: bytes) -> bool:
-    """Return whether a text has the section of a log that holds the solution."""
-    return re.search(rb"^solution=", head, re.MULTILINE) is not None
-
-
-def looks_like_agents(head: bytes) -> bool:
-    """Return whether a text begins with the path of an agent."""
-    return re.match(rb"\s*[Aa]gent\s+[0-9]+\s*:", head) is not None
-
-
-def looks_like_lists(head: bytes) -> bool:
-    """Return whether a text begins like a list of lists, or is an empty list."""
-    return re.match(rb"\s*\[\s*(\[|\]\s*$)", head) is not None and b"->" not in head
-
-
 def read_log(request: PlanRequest) -> ImportedPath:
     """Read a log of pibt2 or LaCAM; InputError as `ImportedPath` says."""
     return _imported(request, _log(request.file), "xy")

@@ -62,15 +62,6 @@ class _Line:
         )
 
 
-def looks_like_plain(head: bytes) -> bool:
-    """Return whether the first line that is not a comment has an arrow between two sites."""
-    for line in head.splitlines():
-        words = line.partition(b"#")[0].strip()
-        if words:
-            return b"->" in words and not words.startswith(b"{") and b":" not in words
-    return False
-
-
 def read_plain(request: PlanRequest) -> ImportedPath:
     """Read a list of moves of the given system; errors as `ImportedPath` says."""
     path = request.path

@@ -8,22 +8,26 @@ the file lists them, and `ImportedPath.vehicles` reads what rotates in them too.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Container, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import cast
 
-import msgspec
-
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile, readable
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Cell, ImportedPath, VehiclePlan, text
+from cubepath.protocol.plans.imported import (
+    Cell,
+    ImportedPath,
+    PlanRequest,
+    VehiclePlan,
+    no_system,
+    none_beside,
+    text,
+)
 from cubepath.protocol.plans.vehicles import (
     Turned,
     Vehicles,
@@ -33,33 +37,12 @@ from cubepath.protocol.plans.vehicles import (
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import PlannerInstance, scenario_from_json
 
-_STARTS = re.compile(rb'"starts"\s*:')
 
-
-def is_scenario(file: InputFile) -> bool:
-    """Return whether a file is an object with "starts", on one line or on many."""
-    stream = file.from_start()
-    with readable(file.path):
-        first = next((line for line in stream if line.strip()), b"")
-        if _STARTS.search(first):
-            return True
-        # An object over several lines is no moves file, but may be a scenario.
-        if first.lstrip().startswith(b"{") and not _is_json(first):
-            return _STARTS.search(stream.read()) is not None
-    return False
-
-
-def _is_json(line: bytes) -> bool:
-    try:
-        msgspec.json.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return False
-    return True
-
-
-def read_scenario(file: InputFile) -> ImportedPath:
+def read_scenario(request: PlanRequest) -> ImportedPath:
     """Read a scenario; InputError as `ImportedPath` says."""
-    path, scenario = file.path, scenario_from_json(file)
+    none_beside(request)
+    no_system(request, "a scenario, which says itself what its system is")
+    path, scenario = request.path, scenario_from_json(request.file)
     return ImportedPath(
         _moves(path, scenario),
         scenario.planner_rounds,

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.counts import BATCHES, Counts, counts_of
 from cubepath.protocol.recordings.description import (
@@ -34,7 +34,7 @@ from cubepath.protocol.recordings.description import (
     wall_times_in,
 )
 from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
-from cubepath.protocol.recordings.mcap_file import MAGIC, StoredBytes
+from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
 from cubepath.protocol.recordings.salvaging import (
     Salvage,
@@ -226,12 +226,6 @@ class Recording:
         for record in records:
             found.add(record.topic, record.data, record.wall_ns)
         return found
-
-
-def is_recording(file: InputFile) -> bool:
-    """Return whether a file begins like a recording, or is cut off within its first bytes."""
-    head = file.head(len(MAGIC))
-    return bool(head) and MAGIC.startswith(head)
 
 
 def read_recording(source: Source) -> Recording:

@@ -258,7 +258,7 @@ def test_a_duration_that_no_move_has_is_refused() -> None:
 )
 def test_other_inputs_are_refused(name: str, said: str) -> None:
     """Only plans of vehicles have rounds in which some follow."""
-    from cubepath.protocol.plans.formats import PlanHints
+    from cubepath.protocol.file_forms import PlanHints
 
     hints = PlanHints("plain") if name.endswith(".txt") else PlanHints()
     with pytest.raises(InputError, match=said):

@@ -311,7 +311,16 @@ def test_the_layout_shows_what_is_exported() -> None:
 @pytest.mark.slow
 def test_a_new_run_is_shown(tmp_path: Path) -> None:
     """Batches of a recording of today are read as well as the messages of the first format."""
-    run(Plan("agv:graph=grid3x3,n=3", "random", 1, 0.0, 0, 6, tmp_path / "a.mcap"))
+    run(
+        Plan(
+            "agv:graph=grid3x3,n=3",
+            "random",
+            seed=1,
+            processes=0,
+            max_rounds=6,
+            log=tmp_path / "a.mcap",
+        )
+    )
     recording = read_recording(tmp_path / "a.mcap")
     expected = told_sites(recording)
     found = [list(state.sites) for state in states_of(recording)]

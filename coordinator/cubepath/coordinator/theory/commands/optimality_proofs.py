@@ -26,6 +26,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, Source, opened
 from cubepath.protocol.core.sites import in_order, to_json
+from cubepath.protocol.file_forms import FORMS
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.path_input import PathInput
@@ -72,21 +73,13 @@ def is_of_a_proof(options: argparse.Namespace, sources: Sequence[Source]) -> boo
 
 
 def _is_proof(path: Path, source: Source) -> bool:
-    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
-    from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
-
     suffix = path.suffix.lower()
     if suffix in {_SUFFIX, ".mcap", ".json", ".jsonl"}:
         return suffix == _SUFFIX  # what is something else by its name is read once
-    if isinstance(source, InputFile):
-        return is_proof(source) or is_following_proof(source)
-    with suppress(OSError):  # whoever reads the file says what is wrong with it
-        # Among others, standard input is left to its reader.
-        return (
-            path != STANDARD_INPUT
-            and path.is_file()
-            and (is_proof(source) or is_following_proof(source))
-        )
+    if not isinstance(source, InputFile) and (path == STANDARD_INPUT or not path.is_file()):
+        return False  # its reader says what is wrong with it
+    with suppress(OSError), opened(source) as file:
+        return FORMS["proof"].holds(file) or FORMS["following proof"].holds(file)
     return False
 
 
@@ -96,7 +89,6 @@ def verify_proof(options: argparse.Namespace, source: Source) -> int:
         claimed_following,
         given_plan,
     )
-    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
 
     path: Path = options.logs[0]
     check_files(
@@ -109,7 +101,7 @@ def verify_proof(options: argparse.Namespace, source: Source) -> int:
             bar.set_description(what)
             bar.update(count if what == "lemmas" else 0)
 
-        following = is_following_proof(file)
+        following = FORMS["following proof"].holds(file)
         plan = given_plan(options) if following else None
         given = None if following else _input(options)
         try:

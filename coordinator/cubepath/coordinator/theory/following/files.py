@@ -18,20 +18,16 @@ from cubepath.coordinator.theory.following.optimum import Refuted
 from cubepath.coordinator.theory.following.timetable import FollowingTimetable
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.input_files import Source, check_not_empty, opened
+from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of, read_plan
 from cubepath.protocol.path_files.durations import time_text
 from cubepath.protocol.path_files.following import (
     FollowingFile,
     FollowingHead,
     FollowingLine,
-    is_following,
 )
 from cubepath.protocol.path_files.following_proofs import FollowingProof
-from cubepath.protocol.path_files.npz import is_npz
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
-from cubepath.protocol.plans.imported import ImportedPath, VehiclePlan
-from cubepath.protocol.plans.scenario import is_scenario, read_scenario
-from cubepath.protocol.recordings.recording import is_recording
+from cubepath.protocol.plans.imported import VehiclePlan
 
 _EXPECTED = (
     "expected a scenario or another program's plan of vehicles: --following is for those alone"
@@ -57,25 +53,15 @@ def read_vehicle_plan(
     (1, (1, 0), (2, 0), 1)
     """
     with opened(source) as file:
-        check_not_empty(file)
-        path = file.path
-        found: ImportedPath | None = None
-        if is_following(file):
+        path, form = file.path, form_of(file)
+        if form.name == "following timetable":
             raise InputError(f"{path}: a timetable of vehicles that follow already; {_EXPECTED}")
-        if is_recording(file):
+        if form.name == "recording":
             raise InputError(f"{path}: a recording, whose rounds are cubes already; {_EXPECTED}")
-        if not is_npz(file):
-            found = read_plan(file, hints.format, companions=hints.companions, system=system)
-            if found is None and is_scenario(file):
-                if hints.companions or system is not None:
-                    given = "--with" if hints.companions else "--system"
-                    raise InputError(
-                        f"{path}: a scenario, which says itself what its system is: expected no"
-                        f" {given}"
-                    )
-                found = read_scenario(file)
-        if found is None:
-            raise InputError(f"{path}: a moves file, in which no vehicles are told; {_EXPECTED}")
+        if not form.plan and hints.format is None:
+            raise InputError(f"{path}: {form.what}, in which no vehicles are told; {_EXPECTED}")
+        spec = hints.format or form.name
+        found = read_plan(file, spec, companions=hints.companions, system=system)
         if found.vehicles is None:
             raise InputError(f"{path}: a plan of moves, not of vehicles; {_EXPECTED}")
         return found.vehicles()

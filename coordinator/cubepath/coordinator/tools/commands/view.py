@@ -28,6 +28,7 @@ from cubepath.coordinator.tools.commands.pages import DrawingInput, write_page
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
+from cubepath.protocol.file_forms import form_of
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.runs.drawing import Sheet
@@ -317,14 +318,7 @@ def _read(options: argparse.Namespace, path: Path) -> DrawingInput:
     if _scene_in(path) is not None:
         raise InputError(f"{path}: a scene without a run, expected a run or another path")
     with opened(path) as file:
-        return (_recorded if _is_recording(file) else _from_file)(options, file)
-
-
-def _is_recording(file: InputFile) -> bool:
-    from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415
-
-    # A recording that has lost its first bytes is still refused as a recording, by its name.
-    return is_recording(file) or file.path.suffix.lower() == ".mcap"
+        return (_recorded if form_of(file).name == "recording" else _from_file)(options, file)
 
 
 def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
@@ -357,12 +351,11 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
 def _from_file(options: argparse.Namespace, file: InputFile) -> DrawingInput:
     from cubepath.coordinator.shortening.path_steps import (  # noqa: PLC0415
         certified_steps,
-        is_certificate,
         read_steps,
     )
 
     with progress_bar(None, "view", " moves") as bar:
-        if is_certificate(file):
+        if form_of(file).name == "certificate":
             if options.of is None:
                 raise InputError(
                     f"{file.path}: a certificate, which has the numbers of moves alone: expected"

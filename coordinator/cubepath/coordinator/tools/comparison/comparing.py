@@ -48,7 +48,8 @@ from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
+from cubepath.protocol.file_forms import form_of
+from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import KINDS, Summary, decode
 
 
@@ -271,9 +272,7 @@ def _recording(source: Recording | Source, stack: ExitStack) -> Recording | Inpu
     if isinstance(source, Recording):
         return source
     file = stack.enter_context(opened(source))
-    # What is called a recording and is none is refused as such.
-    is_one = is_recording(file) or file.path.suffix.lower() == ".mcap"
-    return read_recording(file) if is_one else file
+    return read_recording(file) if form_of(file).name == "recording" else file
 
 
 def _moves_alone(

@@ -37,7 +37,6 @@ from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.given import seconds
-from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -91,7 +90,7 @@ class Levels:
     def _named(self, move: Released) -> tuple[str, bytes]:
         key = move.generator, _encode(move.at)
         if key not in self._actions:
-            self._actions[key] = self._system.action(move.generator, site_from_json(move.at))
+            self._actions[key] = self._system.read_action(move)
         return key
 
     def _change(self, level: int) -> None:
@@ -295,8 +294,7 @@ class RemoteRunPage:
                 pass
 
     def _actions(self, edges: Edges) -> tuple[Action, ...]:
-        action = self.scene.system.action
-        return tuple(action(move.generator, site_from_json(move.at)) for move in edges.moves)
+        return tuple(map(self.scene.system.read_action, edges.moves))
 
     def _look(self) -> None:
         gone = self._gone_s is not None and time.monotonic() - self._gone_s > _QUIET_S
