@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 from cubepath.agents.rendering.pen import DARK, GOAL, LIGHT, PAPER
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.drawing import cancelled_moves
-from cubepath.coordinator.runs.side_by_side import _Screen, animate_beside
+from cubepath.coordinator.runs.films import _Sides, animate_beside
 from cubepath.coordinator.runs.states import snapshots
 from cubepath.protocol.core.errors import InputError
 from samples.random_runs import random_run
@@ -30,7 +30,7 @@ def test_every_frame_shows_both(tmp_path: Path, spec: str, dark: bool) -> None:
     theme = DARK if dark else LIGHT
     run, shortest = list(snapshots(scene, rounds)), list(snapshots(scene, cubes))
     assert len(shortest) < len(run)
-    screen = _Screen(scene, run, shortest, "round", theme)
+    screen = _Sides(scene, run, shortest, "round", theme)
     screen.chart(cancelled_moves(rounds), "as executed")
     lines = []
     with Image.open(path) as film:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from cubepath.agents.rules.registry import stands_for
-from cubepath.coordinator.auditing.free_playing import FreeRuleAudit
-from cubepath.coordinator.auditing.playing import RuleAudit
+from cubepath.coordinator.auditing.playing import FreeRuleAudit, RuleAudit
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.recording import verify

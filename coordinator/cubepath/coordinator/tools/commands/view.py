@@ -278,8 +278,11 @@ def _written(
 
 def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
     """Draw a film of the run, of its schedule, or of both side by side."""
-    from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate  # noqa: PLC0415
-    from cubepath.coordinator.runs.side_by_side import animate_beside  # noqa: PLC0415
+    from cubepath.coordinator.runs.films import (  # noqa: PLC0415
+        FRAMES_PER_SECOND,
+        animate,
+        animate_beside,
+    )
 
     rate: float = options.rate or FRAMES_PER_SECOND
     with progress_bar(None, "film", " frames") as bar:
