@@ -18,12 +18,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.input_files import (
-    BYTE_ORDER_MARK,
-    InputFile,
-    Source,
-    opened,
-)
+from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import Keys, all_values, given_values
 
 if TYPE_CHECKING:
