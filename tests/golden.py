@@ -28,9 +28,9 @@ from cubepath.protocol.recordings.writing import RecordingWriter
 FOLDER = Path(__file__).parent.parent / "logs" / "golden"
 PLANS = {
     "agv-3": Plan("agv:graph=C7,n=3", "random", processes=2, max_rounds=15),
-    "agv-6": Plan("agv-labelled:graph=grid4x4,n=6", "pibt", seed=3, hesitate=0.2, processes=2),
+    "agv-6": Plan("agv-labelled:graph=grid4x4,n=6", "pibt", seed=27, hesitate=0.2, processes=2),
     "arm-6": Plan("arm:n=6,goal=xxyxyx", "random", seed=2, processes=3, max_rounds=25),
-    "hex-5": Plan("hex:n=5", "chain", seed=1, hesitate=0.3, processes=2),
+    "hex-5": Plan("hex:n=5", "chain", seed=13, hesitate=0.3, processes=2),
     "hex-free-5": Plan("hex:n=5", "chain", processes=2, clock="free", keepers=2),
 }
 """The runs on record, by the names of their files."""

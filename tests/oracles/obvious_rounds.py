@@ -7,17 +7,31 @@ wins, where modules end and what they have been told are worked out anew, over a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from hashlib import blake2b
 
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 
 
+def draw(key: int, index: int) -> int:
+    """Return number `index` of the generator SplitMix64 from this key on."""
+    found = (key + (index + 1) * 0x9E3779B97F4A7C15) % 2**64
+    found = (found ^ found >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+    found = (found ^ found >> 27) * 0x94D049BB133111EB % 2**64
+    return found ^ found >> 31
+
+
+def key_of(seed: int, purpose: int) -> int:
+    """Return the key of a seed for a purpose."""
+    key = draw(draw(0, purpose), seed % 2**64)
+    while seed := seed >> 64:
+        key = draw(key, seed % 2**64)
+    return key
+
+
 def rank(seed: int, number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round."""
-    digest = blake2b(f"{seed}/{number}/{module}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "big"), module
+    return draw(draw(key_of(seed, 3), number), module), module
 
 
 def maximal(claims: Mapping[int, Move], order: Iterable[int]) -> list[int]:

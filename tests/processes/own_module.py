@@ -3,12 +3,18 @@
 import json
 import sys
 import tomllib
-from hashlib import blake2b
 from math import dist
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
+
+
+def draw(key: int, index: int) -> int:
+    found = (key + (index + 1) * 0x9E3779B97F4A7C15) % 2**64
+    found = (found ^ found >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+    found = (found ^ found >> 27) * 0x94D049BB133111EB % 2**64
+    return found ^ found >> 31
 
 
 class Vehicle:
@@ -98,9 +104,12 @@ class Vehicle:
         self.heard[kind] = sorted(found)
         return found
 
-    def rank(self, module: int) -> tuple[bytes, int]:
-        text = f"{self.orders['seed']}/{self.round}/{module}".encode()
-        return blake2b(text, digest_size=8).digest(), module
+    def rank(self, module: int) -> tuple[int, int]:
+        key, seed = draw(0, 3), self.orders["seed"]
+        while True:
+            key, seed = draw(key, seed % 2**64), seed >> 64
+            if not seed:
+                return draw(draw(key, self.round), module), module
 
     def near(self, place: Any) -> set[Any]:
         return {end for edge in self.edges if place in edge for end in edge} - {place}
@@ -115,8 +124,8 @@ class Vehicle:
         self.hear("note", reach)
         free = sorted(near - {(*part["site"][0],) for part in self.hear("here", near).values()})
         nearer = [place for place in free if dist(place, self.goal) < away]
-        ways = nearer or (free if away and self.rank(-1)[0][0] % 2 else [])  # as good as random
-        ends = {self.place, ways[self.rank(-1)[0][1] % len(ways)]} if ways else set()
+        ways = nearer or (free if away and self.rank(-1)[0] % 2 else [])  # as good as random
+        ends = {self.place, ways[(self.rank(-1)[0] >> 8) % len(ways)]} if ways else set()
         move = {"generator": "edge", "at": [*sorted(ends), self.label]}
         self.say("claim", reach if ends else (), **move)
         self.begin("settle", "claim")
@@ -139,7 +148,7 @@ class Vehicle:
 
 if __name__ == "__main__":
     settings = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}
-    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 2}
+    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 3}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
         while True:
             for token in opened.liveliness().get("cubepath/*/alive/coordinator", timeout=2.0):

@@ -17,6 +17,11 @@ from cubepath.agents.local.observation import (
     View as View,
     observe as observe,
 )
+from cubepath.agents.local.random_streams import (
+    RandomStream as RandomStream,
+    draw_below as draw_below,
+    draw_fraction as draw_fraction,
+)
 from cubepath.agents.locality.check import check_rule as check_rule
 from cubepath.agents.rendering.styles import draw_text as draw_text
 from cubepath.agents.rules.policy import policy_rule as policy_rule
@@ -35,8 +40,4 @@ from cubepath.agents.rules.vector_rule import (
     Seen as Seen,
     VectorKnowledge as VectorKnowledge,
     VectorRule as VectorRule,
-)
-from cubepath.agents.rules.vector_streams import (
-    draw_below as draw_below,
-    draw_fraction as draw_fraction,
 )

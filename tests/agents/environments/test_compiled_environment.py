@@ -88,8 +88,8 @@ def test_relative_observations_are_the_same_to_the_last_bit(spec: str, *, copy: 
     one = parallel_env(spec, observation="relative", world="plain")
     other = parallel_env(spec, observation="relative", world="compiled", copy=copy)
     random = np.random.default_rng(0)
-    seen, _ = one.reset(seed=1)
-    same, _ = other.reset(seed=1)
+    seen, _ = one.reset(seed=2)
+    same, _ = other.reset(seed=2)
     for _ in range(6):
         assert plain(seen) == plain(same)
         assert other.observation_space("module_0").contains(same["module_0"])

@@ -17,6 +17,7 @@ from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.playing import play
+from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -122,8 +123,8 @@ def test_without_rounds_a_module_sees_what_it_was_shown(spec: str, lag: int) -> 
         seen, was = one.observe(name), plain.observe(name)
         assert one.observation_space(name).contains(seen)
         module = one.possible_agents.index(name)
-        start, goals, random = scene.start[module], scene.goals[module], np.random.default_rng(0)
-        knowledge = InitialKnowledge(scene.system, module, len(scene.start), start, goals, random)
+        start, goals, stream = scene.start[module], scene.goals[module], RandomStream(0)
+        knowledge = InitialKnowledge(scene.system, module, len(scene.start), start, goals, stream)
         expected = knowledge.relative().of(was["observation"].astype(np.int32))
         assert seen["observation"].tobytes() == expected.tobytes()
         assert list(seen) == list(was) == ["observation", "action_mask", "notes", "register"]

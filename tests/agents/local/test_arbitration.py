@@ -95,7 +95,7 @@ def test_what_is_executed_is_nearly_as_much_as_any_maximal_choice() -> None:
 
 def test_rank_is_a_fixed_function() -> None:
     """Ranks are the same in every process and differ between rounds, modules and seeds."""
-    assert priority(0, 1, 0) == (5988601568097220684, 0)
+    assert priority(0, 1, 0) == (3536880612023947064, 0)
     values = {priority(seed, number, m)[0] for seed in (0, 1) for number in (1, 2) for m in (0, 1)}
     assert len(values) == 8
 
@@ -187,7 +187,7 @@ def names_in(path: Path) -> set[str]:
     ("name", "home"),
     [
         ("commute", "local/arbitration.py"),
-        ("blake2b", "local/arbitration.py"),
+        ("RANK", "local/arbitration.py"),
         ("possible", "local/observation.py"),
         ("apply_in_place", None),
     ],

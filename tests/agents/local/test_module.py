@@ -201,7 +201,7 @@ def test_one_rule_decides_in_the_world_and_on_the_wire(monkeypatch: pytest.Monke
         here = actors_for(scene, RANDOM, seed=3, hesitate=0.0)
         there = actors_for(scene, RANDOM, seed=3, hesitate=0.0)
         one, other = [], []
-        for number in range(1, 6):
+        for number in range(1, 12):
             actions = {m: actor.act(world.observe(m)).action for m, actor in here.items()}
             one.append(list(world.step(actions).moves))
             reports = mail.round(number, there)

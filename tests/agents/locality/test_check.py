@@ -135,14 +135,6 @@ EXPECTED = {
         "files": "uses files (open in board.py:11, open in board.py:14)",
         "state": "keeps state outside the module: module_",
     },
-    "seed": {
-        "seed": "asks for the seed of the run (seed_seq.entropy in seed.py:12)",
-        "fails": "fails: module_0 of hex:n=4 raises AttributeError",
-    },
-    "spawned": {
-        "seed": "asks for the seed of the run (seed_seq.spawn in spawned.py:7)",
-        "fails": "fails: module_0 of hex:n=4 raises TypeError: asked for 1 more streams",
-    },
     "set_order": {
         "hashing": "depends on hashes or addresses, as by the order of a set: module_0 of hex"
     },
@@ -156,7 +148,6 @@ ESSENTIAL = (
     "global_random",
     "process_id",
     "board",
-    "seed",
     "raises",
 )
 """One of each kind; the others are thorough."""

@@ -45,12 +45,12 @@ def endpoint() -> Iterator[str]:
 
 
 HOSTILE = (
-    b'{"modules": [0], "joiner": "\xff\xfe", "protocol": 2}',
+    b'{"modules": [0], "joiner": "\xff\xfe", "protocol": 3}',
     b'{"modules": [0], "joiner": "me", "more": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
-    b'{"modules": [0], "joiner": "' + b"x" * 1000 + b'", "protocol": 2}',
-    b'{"modules": [-1], "joiner": "me", "protocol": 2}',
-    b'{"modules": [1180591620717411303424], "joiner": "me", "protocol": 2}',
-    b'{"modules": [' + b"0," * 70_000 + b'0], "joiner": "me", "protocol": 2}',
+    b'{"modules": [0], "joiner": "' + b"x" * 1000 + b'", "protocol": 3}',
+    b'{"modules": [-1], "joiner": "me", "protocol": 3}',
+    b'{"modules": [1180591620717411303424], "joiner": "me", "protocol": 3}',
+    b'{"modules": [' + b"0," * 70_000 + b'0], "joiner": "me", "protocol": 3}',
 )
 """No UTF-8, nested without end, and texts, numbers and lists beyond their bounds."""
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from itertools import combinations
 from statistics import mean
 
-import numpy as np
 import pytest
 
 from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import STAY, observe, view_of
+from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.rule import InitialKnowledge, Rule, as_choice
@@ -84,7 +84,7 @@ def births(scene: Scene) -> list[InitialKnowledge]:
             modules=len(scene.start),
             start=start,
             goals=scene.goals[module],
-            random=np.random.default_rng(module),
+            stream=RandomStream(module),
         )
         for module, start in enumerate(scene.start)
     ]

@@ -49,7 +49,7 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
     assert re.fullmatch(r"cubepath: replaying on \S+ under cubepath/mine/\*\*\n", told.err)
     assert main(["replay", HEX, "--until", "2"]) == 0
     out = capsys.readouterr().out
-    assert "29 edges, 88 go, 176 ready, 54 reports, 181 said, 1 summary\n" in out
+    assert "29 edges, 88 go, 176 ready, 54 reports, 186 said, 1 summary\n" in out
     assert "result         the same as recorded in 2 rounds; not compared: rounds 3 to 29, " in out
 
 
@@ -154,7 +154,7 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
     terminal = Terminal("replay", HEX, "--start-paused", "--json")
     try:
-        terminal.shows(r"paused, next: round 1, message \d+ of 573, .* as fast as possible")
+        terminal.shows(r"paused, next: round 1, message \d+ of 578, .* as fast as possible")
         assert "space pause, right/left a round on/back" in terminal.told
         assert terminal.settings != terminal.before
         terminal.press("\x1b[C\x1b[C")

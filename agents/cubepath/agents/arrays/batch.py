@@ -17,18 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.lattice_tables import LatticeTables
-from cubepath.agents.arrays.ranks import HASHING_WORDS
 from cubepath.agents.arrays.rounds import play_round
 from cubepath.agents.arrays.state import SILENT, STAYED, Observed, Scratch, State
 from cubepath.agents.arrays.tables import Growing, Ints, Tables
+from cubepath.agents.local.arbitration import RANK
 from cubepath.agents.local.observation import Note, observation_length
+from cubepath.agents.local.random_streams import seed_key
 from cubepath.agents.local.relative import relative_layout, relative_observer
-from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
-_DIGITS = 64
-"""Room for the digits of a round and of a module in what is hashed."""
 PLACES_MAX = 1 << 16
 """So many places may have numbers before those that were left behind are forgotten..."""
 PLACES_EACH = 64
@@ -65,8 +63,7 @@ class Batch:
         self._said = np.zeros((*shape, note_length), np.int32)
         self._shown = np.zeros((environments, 0), np.int32)
         self._module = np.zeros((environments, 0), np.int32)
-        self._prefixes = np.zeros((environments, 1), np.uint8)
-        self._lengths = np.ones(environments, np.int64)
+        self._key = np.zeros(environments, np.uint64)
         self._everyone = np.ones(environments, np.uint8)
         self._idle = np.zeros(shape, np.int64)
         self.outcomes = np.full(shape, STAYED, np.int8)
@@ -123,8 +120,6 @@ class Batch:
                 stack=np.zeros(modules, np.int32),
                 rivals=np.zeros((4 * modules, 4), np.int32),
                 rank=np.zeros(modules, np.uint64),
-                hashing=np.zeros(HASHING_WORDS, np.uint64),
-                text=np.zeros(self._prefixes.shape[1] + _DIGITS, np.uint8),
                 movers=np.zeros(motions, np.int32),
             )
 
@@ -172,27 +167,15 @@ class Batch:
             self._bits,
             self._at_goal,
             self.round,
+            self._key,
             self._said,
         )
 
     def reset(self, seeds: Sequence[int], chosen: Sequence[int] | None = None) -> None:
         """Put the chosen environments (by default all) at the start, with a seed for each."""
         which = list(range(self.environments)) if chosen is None else list(chosen)
-        wrong = [seed for seed in seeds if seed < 0]
-        if wrong:
-            raise InputError(f"seed={wrong[0]}: expected 0 or more")
-        texts = [f"{seed}/".encode() for seed in seeds]
-        longest = max(map(len, texts), default=0)
-        if longest > self._prefixes.shape[1]:
-            wider = np.zeros((self.environments, longest), np.uint8)
-            wider[:, : self._prefixes.shape[1]] = self._prefixes
-            self._prefixes = wider
-            self._scratch = None
-            self._follow()
-        for environment, text in zip(which, texts, strict=True):
-            self._prefixes[environment, : len(text)] = list(text)
-            self._lengths[environment] = len(text)
         at = np.array(which, np.intp)
+        self._key[at] = np.array([seed_key(seed, RANK) for seed in seeds], np.uint64)
         self._set(at, *self._start)
         self.round[at] = 0
         self._said[at] = 0
@@ -210,8 +193,6 @@ class Batch:
             self._tables.codes,
             self._plain[5],
             actions,
-            self._prefixes,
-            self._lengths,
             live,
             self._plain[6],
             self.outcomes,

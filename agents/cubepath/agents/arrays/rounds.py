@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.observing import guards_hold, hear_all, observe_all
-from cubepath.agents.arrays.ranks import digits, rank_claims
 from cubepath.agents.arrays.state import (
     GRANTED,
     ILLEGAL,
@@ -28,9 +27,9 @@ from cubepath.agents.arrays.state import (
     State,
 )
 from cubepath.agents.arrays.tables import ANY, OWN, Goals, Ints, Kinds, Places, Stands
+from cubepath.agents.local.random_streams import hashed_compiled
 from cubepath.protocol.compiled import compiled, inner
 
-_SLASH = 47
 _OPEN, _WON, _BEATEN = 0, 1, 2
 
 
@@ -174,13 +173,9 @@ def settle(
     state: State,
     environment: int,
     count: int,
-    length: int,
     scratch: Scratch,
 ) -> None:
-    """Grant claims by rank, each unless it conflicts with one that was granted before.
-
-    The text to be hashed begins with `length` bytes of the seed.
-    """
+    """Grant claims by rank, each unless it conflicts with one that was granted before."""
     file_traces(places, kinds, state, environment, count, scratch)
     rivals = scratch.rivals
     while True:
@@ -191,18 +186,10 @@ def settle(
     clear(places, kinds, state, environment, count, scratch)
     waiting = set_aside(count, scratch)
     if waiting > 0:
-        text = scratch.text
-        start = digits(state.round[environment], text, length)
-        text[start] = _SLASH
-        rank_claims(
-            text,
-            start + 1,
-            scratch.claimant,
-            scratch.waiting,
-            waiting,
-            scratch.hashing,
-            scratch.rank,
-        )
+        key = hashed_compiled(state.key[environment], np.uint64(state.round[environment]))
+        for at in range(waiting):
+            claim = scratch.waiting[at]
+            scratch.rank[claim] = hashed_compiled(key, np.uint64(scratch.claimant[claim]))
         grant_by_rank(waiting, rivals, scratch)
 
 
@@ -309,8 +296,6 @@ def play_round(
     codes: int,
     state_arrays: Any,
     actions: NDArray[np.int64],
-    prefixes: NDArray[np.uint8],
-    lengths: NDArray[np.int64],
     live: NDArray[np.uint8],
     scratch_arrays: Any,
     outcomes: NDArray[np.int8],
@@ -320,9 +305,8 @@ def play_round(
     """Play one round in every live environment; return whether a module came to a new stand.
 
     If none did, what all modules observe is written too; with `only_observe` nothing else. The
-    probes must be those of the present state. `prefixes` are the seeds as text, with a slash, of
-    which `lengths` bytes count. The tuples come as plain ones: those take a third of the time to be
-    handed over.
+    probes must be those of the present state. The tuples come as plain ones: those take a third of
+    the time to be handed over.
     """
     places, stands, kinds = Places(*place_arrays), Stands(*stand_arrays), Kinds(*kind_arrays)
     state, scratch = State(*state_arrays), Scratch(*scratch_arrays)
@@ -334,10 +318,7 @@ def play_round(
             continue
         state.round[environment] += 1
         count = claim_all(stands, kinds, codes, state, environment, actions, scratch, outcomes)
-        length = lengths[environment]
-        for at in range(length):
-            scratch.text[at] = prefixes[environment, at]
-        settle(places, kinds, state, environment, count, length, scratch)
+        settle(places, kinds, state, environment, count, scratch)
         if execute_all(places, stands, kinds, codes, state, environment, count, scratch, outcomes):
             fresh = True
     if not fresh:

@@ -33,6 +33,8 @@ class State(NamedTuple):
     at_goal: NDArray[np.int64]
     """How many modules of each environment are on sites of the goal."""
     round: NDArray[np.int64]
+    key: Bits
+    """What the ranks of claims are drawn under, by the seed of each environment."""
     said: Ints
     """Shape (environments, modules, note_length): the last notes."""
 
@@ -72,6 +74,4 @@ class Scratch(NamedTuple):
     """Shape (pairs, 4): two claims, and for each of them its next entry."""
     rank: Bits
     """By claim, if it has rivals."""
-    hashing: Bits
-    text: NDArray[np.uint8]
     movers: Ints

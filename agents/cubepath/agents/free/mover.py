@@ -22,7 +22,8 @@ from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import planned
 from cubepath.agents.keepers.node import TICK_S
 from cubepath.agents.local.observation import STAY, observe
-from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream
+from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
+from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
@@ -90,8 +91,6 @@ HOLD_TRIES = 2 * MISSES
 """After it has asked a keeper to hold so often it goes on without."""
 HOLD_TICKS = 20
 """So many ticks of the keepers it asks for at least, besides the time that it thinks."""
-PACE = 2
-"""What its pace is drawn for, beside `RULE` and `HESITATE`."""
 
 State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
 Ask = tuple[int, Attempt | Enter | Hold | Look]
@@ -224,7 +223,7 @@ class Mover:
             modules=len(scene.start),
             start=site,
             goals=scene.goals[self.module] if scene.goals else (),
-            random=stream(self._seed, self.module, RULE),
+            stream=stream(self._seed, self.module, RULE),
         )
         doubt = stream(self._seed, self.module, HESITATE) if self._hesitate else None
         return Actor(self._rule, knowledge, hesitate=self._hesitate, doubt=doubt, clock="free")
@@ -255,7 +254,7 @@ class Mover:
         if decision.moved is None:
             self._misses += 1
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
-            self._rests(now_s, self._retry_s * self._random.random())
+            self._rests(now_s, self._retry_s * self._random.fraction())
             return self._let_go(())  # keepers beyond the one that refused know nothing of it
         self._holds = []
         self._misses = self._misses_after_turn
@@ -460,7 +459,7 @@ class Mover:
     def _think(self, attempt: Attempt, now_s: float) -> list[Ask]:
         if not self._pace.factor:
             return self._send(attempt, now_s)
-        longer = 1.0 + self._pace.jitter * self._random.random()
+        longer = 1.0 + self._pace.jitter * self._random.fraction()
         self.state, self.due_s = "thinking", now_s + self._pace.factor * THINK_S * longer
         return []
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from hashlib import blake2b
 from typing import Literal, TypeAlias
 
+from cubepath.agents.local.random_streams import hashed, seed_key
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
@@ -35,16 +35,17 @@ class Contest:
 
 
 UNCONTESTED = Contest()
+RANK = 3
+"""The purpose of the draws that rank claims, besides those of `random_streams`."""
 
 
 @lru_cache(maxsize=1 << 12)
 def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round; the greater outranks.
 
-    It is a keyed hash, so it favours no module over a run and is the same in every process.
+    It is a hash of all three, so it favours no module over a run and is the same in every process.
     """
-    digest = blake2b(f"{seed}/{round_number}/{module}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest), module
+    return hashed(hashed(seed_key(seed, RANK), round_number), module), module
 
 
 def seed_in(round_number: int, seed: int, later: Sequence[tuple[int, int]]) -> int:

@@ -81,7 +81,6 @@ Kind: TypeAlias = Literal[
     "network",
     "frames",
     "memory",
-    "seed",
     "hashing",
     "fails",
     "repeat",
@@ -97,7 +96,6 @@ USES: Mapping[Kind, str] = {
     "network": "uses the network",
     "frames": "looks at stack frames",
     "memory": "looks at what else is in memory",
-    "seed": "asks for the seed of the run",
 }
 """By kind of access what the rule does."""
 DEPENDS: Mapping[Kind, str] = {

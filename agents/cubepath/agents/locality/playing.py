@@ -15,6 +15,7 @@ from typing import Any
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note, Observation
+from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
 from cubepath.agents.locality.plays import (
     Answer,
     Chosen,
@@ -27,7 +28,7 @@ from cubepath.agents.locality.plays import (
 )
 from cubepath.agents.locality.surroundings import surrounding_scene
 from cubepath.agents.locality.traps import Traps, place
-from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream, stream_at
+from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
@@ -194,7 +195,7 @@ def _together(
             lives[module].choices.append(chosen)
             lives[module].before.append(world.round)
             ended = ended or chosen.error is not None or chosen.failed is not None
-            actions[module] = 0 if doubts[module].random() < play.hesitate else chosen.action
+            actions[module] = 0 if doubts[module].fraction() < play.hesitate else chosen.action
             if chosen.note is not None:
                 notes[module] = chosen.note
         world.step(actions, notes)
@@ -222,7 +223,7 @@ def _in_turns(
         life.observations.append(seen)
         life.choices.append(chosen)
         life.before.append(len(sites) - 1)
-        hesitates = doubts[module].random() < play.hesitate
+        hesitates = doubts[module].fraction() < play.hesitate
         env.act(Choice() if hesitates else _choice(chosen))
         sites.append(tuple(env.sites))
         ended = chosen.error is not None or chosen.failed is not None
@@ -247,7 +248,7 @@ def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
         modules=len(scene.start),
         start=scene.start[module],
         goals=scene.goals[module] if scene.goals else (),
-        random=stream(seed, module, RULE),
+        stream=stream(seed, module, RULE),
     )
 
 
@@ -257,7 +258,7 @@ def _life(knowledge: InitialKnowledge) -> Life:
         modules=knowledge.modules,
         start=knowledge.start,
         goals=knowledge.goals,
-        state=knowledge.random.bit_generator.state,
+        key=knowledge.stream.key,
     )
 
 
@@ -269,7 +270,7 @@ def _replayed(play: Replay, rule: RuleType, traps: Traps, clock: str) -> dict[in
         modules=recorded.modules,
         start=recorded.start,
         goals=recorded.goals,
-        random=stream_at(recorded.state),
+        stream=RandomStream(recorded.key),
     )
     life = replace(recorded, choices=[])
     others = _Others(play.scene, play.surroundings, life, rule, traps, clock=clock)
@@ -329,7 +330,7 @@ class _Others:
                 modules=self._life.modules,
                 start=start[number],
                 goals=self._around.goals[number],
-                random=stream(self._around.seed, number, RULE),
+                stream=stream(self._around.seed, number, RULE),
             )
             with self._traps.asking(number, 0):
                 try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.protocol.core.sites import Site
@@ -66,15 +66,15 @@ class Life:
     """All that a module knew and saw in a run, and what it chose; a list has an entry a round.
 
     Under the free clock it has one for each turn of the module. `before` says for each how many
-    rounds, or turns of any module, came before it. `state` is that of its stream before its rule
-    was made. A rule that could not be made has one choice, the error, and saw nothing.
+    rounds, or turns of any module, came before it. `key` is that of its stream. A rule that could
+    not be made has one choice, the error, and saw nothing.
     """
 
     module: int
     modules: int
     start: Site
     goals: tuple[Site, ...]
-    state: Any
+    key: int
     observations: list[Observation] = field(default_factory=list)
     choices: list[Chosen] = field(default_factory=list)
     before: list[int] = field(default_factory=list)

@@ -27,11 +27,10 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.locality.plays import Access, Conditions
-from cubepath.agents.rules.actor import NoSeed
 from cubepath.agents.rules.policy import read_network
 
 CLOCK, RANDOM, PROCESS, ENVIRONMENT = "clock", "random", "process", "environment"
-FILES, NETWORK, FRAMES, MEMORY, SEED = "files", "network", "frames", "memory", "seed"
+FILES, NETWORK, FRAMES, MEMORY = "files", "network", "frames", "memory"
 
 _EVENTS = {
     "open": FILES,
@@ -126,7 +125,6 @@ class Traps:
         self._trap_random()
         self._trap_process()
         self._trap_environment()
-        self._trap_seed()
         sys.addaudithook(self._heard)
 
     def _number(self, salt: int, what: str) -> int:
@@ -323,11 +321,3 @@ class Traps:
                 return super().__iter__()
 
         os.environ.__class__ = Trapped
-
-    def _trap_seed(self) -> None:
-        def get(found: NoSeed, name: str) -> Any:
-            if not name.startswith("__"):
-                self.note(SEED, f"seed_seq.{name}")
-            return object.__getattribute__(found, name)
-
-        NoSeed.__getattribute__ = get  # type: ignore[method-assign, assignment]

@@ -1,21 +1,12 @@
 """An actor: one module's rule with its memory, from PettingZoo observation to action.
 
 The same actor acts for a module in the environment and in a process on the wire.
-
-The random streams of modules, which tell nothing of the seed that they come from.
-
-numpy keeps with a generator the seed sequence that it was made from: the seed of the run, from
-which the streams of all other modules follow. A rule is given a generator without it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NoReturn
-
-import numpy as np
-from numpy.random.bit_generator import ISpawnableSeedSequence
 
 from cubepath.agents.local.observation import (
     STAY,
@@ -24,42 +15,11 @@ from cubepath.agents.local.observation import (
     is_legal,
     view_of,
 )
+from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-
-RULE, HESITATE = 0, 1
-"""What a stream is for."""
-
-
-class NoSeed(ISpawnableSeedSequence):
-    """Stands where numpy keeps the seed sequence of a generator, and knows no seed."""
-
-    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
-        """Return `n_words` zeros: the state of the generator is set afterwards."""
-        return np.zeros(n_words, dtype)
-
-    def spawn(self, n_children: int) -> NoReturn:
-        """Raise TypeError: other streams would follow from the seed."""
-        raise TypeError(f"asked for {n_children} more streams: a module has the one that it draws")
-
-
-def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
-    """Return a module's own stream for one purpose, `RULE` or `HESITATE`.
-
-    Its draws are those of ``default_rng(SeedSequence(seed, spawn_key=(module, purpose)))``.
-    """
-    seeded = np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(module, purpose)))
-    return stream_at(seeded.state)
-
-
-def stream_at(state: Any) -> np.random.Generator:
-    """Return a stream that goes on from a state of numpy's PCG64."""
-    nothing: Any = NoSeed()  # numpy takes it, and its annotations do not say so
-    bits = np.random.PCG64(nothing)
-    bits.state = state
-    return np.random.Generator(bits)
 
 
 class Actor:
@@ -76,7 +36,7 @@ class Actor:
         knowledge: InitialKnowledge,
         *,
         hesitate: float = 0.0,
-        doubt: np.random.Generator | None = None,
+        doubt: RandomStream | None = None,
         clock: str = "lockstep",
     ) -> None:
         """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
@@ -107,7 +67,7 @@ class Actor:
                 place: checked_note(new, self.note_length)
                 for place, new in choice.exchanges.items()
             }
-        hesitates = self._doubt is not None and self._doubt.random() < self._hesitate
+        hesitates = self._doubt is not None and self._doubt.fraction() < self._hesitate
         if self._clock == "lockstep":
             return Choice(STAY if hesitates else choice.action, note, choice.failed)
         if hesitates:
@@ -160,7 +120,7 @@ def actors_for(
                 modules=count,
                 start=scene.start[module] if sites is None else sites[module],
                 goals=scene.goals[module] if scene.goals else (),
-                random=stream(seed, module, RULE),
+                stream=stream(seed, module, RULE),
             ),
             hesitate=hesitate,
             doubt=stream(seed, module, HESITATE) if hesitate else None,

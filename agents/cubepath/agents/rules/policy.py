@@ -23,17 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.local.observation import View, observation_length
+from cubepath.agents.local.random_streams import DRAW_STEPS, Streams, draw_fraction
 from cubepath.agents.local.relative import RelativeRows, Showing, checked_showing, relative_layout
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.vector_rule import (
     Chosen,
     GaveUp,
     Seen,
-    Streams,
     VectorKnowledge,
     VectorRule,
 )
-from cubepath.agents.rules.vector_streams import DRAW_STEPS, draw_fraction
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import readable
@@ -77,8 +76,8 @@ def policy_rule(
             (B, moves + 1), and returns B integers. What it returns for a row must not depend on the
             others. Then it plays many environments side by side, see `vector_actors_for`.
         random: the policy takes a third argument, the module's own `numpy.random.Generator`. A
-            batched one gets float64 of shape (B,) instead, of each module's generator the next
-            ``random()``, from 0 to below 1.
+            batched one gets float64 of shape (B,) instead, of each module's own stream the next
+            ``fraction()``, from 0 to below 1.
         fits: whether it is for a system; by default for all.
         summary: what `cubepath rules` prints; by default the first line of the docstring.
         source: where it comes from; by default the policy's module.
@@ -134,8 +133,8 @@ def _for_one(
         if batched:
             arrays = [array[np.newaxis] for array in arrays]
         if random:
-            own = knowledge.random
-            arrays.append(np.array([own.random()]) if batched else own)
+            drawn = np.array([knowledge.stream.fraction()]) if batched else knowledge.random
+            arrays.append(drawn)
         return int(_integers(policy(*arrays), (1,) if batched else ()).item())
 
     return choose

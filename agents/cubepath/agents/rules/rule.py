@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from cubepath.agents.local.observation import STAY, Note, View
+from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import RelativeObserver, relative_observer
 from cubepath.agents.rules.vector_rule import VectorKnowledge, VectorRule
 from cubepath.protocol.core.errors import InputError, RuleError
@@ -25,8 +26,8 @@ from cubepath.protocol.core.system import System
 class InitialKnowledge:
     """What a module knows from birth: the static map, its own number, place and goals.
 
-    `modules` is the number of modules; where the others are is unknown. `random` is the module's
-    own stream, derived from the seed of the run and its number; it tells nothing of that seed.
+    `modules` is the number of modules; where the others are is unknown. `stream` has the module's
+    own random numbers, derived from the seed of the run and its number; it does not tell that seed.
     """
 
     system: System
@@ -34,7 +35,12 @@ class InitialKnowledge:
     modules: int
     start: Site
     goals: tuple[Site, ...]
-    random: np.random.Generator
+    stream: RandomStream
+
+    @property
+    def random(self) -> np.random.Generator:
+        """Return the module's own numpy generator; what it draws does not depend on `stream`."""
+        return self.stream.generator
 
     @property
     def label(self) -> int | None:

@@ -15,7 +15,7 @@ def make(knowledge: InitialKnowledge) -> Rule:
 
     def choose(view: View) -> int:
         legal = view.mask.nonzero()[0]
-        return int(legal[knowledge.random.integers(len(legal))])
+        return int(legal[knowledge.stream.below(len(legal))])
 
     return choose
 

@@ -14,11 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.local.observation import SILENT, STAY, observation_length
-from cubepath.agents.rules.actor import HESITATE, RULE, BlamedOn
+from cubepath.agents.local.random_streams import (
+    DRAW_STEPS,
+    HESITATE,
+    RULE,
+    Streams,
+    draw_fraction,
+    streams_of,
+)
+from cubepath.agents.rules.actor import BlamedOn
 from cubepath.agents.rules.registry import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
-from cubepath.agents.rules.vector_rule import Chosen, Seen, Streams, VectorKnowledge, VectorRule
-from cubepath.agents.rules.vector_streams import DRAW_STEPS, draw_fraction, streams_of
+from cubepath.agents.rules.vector_rule import Chosen, Seen, VectorKnowledge, VectorRule
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene

@@ -10,15 +10,14 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.local.random_streams import DRAW_STEPS, Streams, draw_below
 from cubepath.agents.rules.vector_rule import (
     Chosen,
     GaveUp,
     Seen,
-    Streams,
     VectorKnowledge,
     VectorRule,
 )
-from cubepath.agents.rules.vector_streams import DRAW_STEPS, draw_below
 from cubepath.protocol.compiled import compiled
 
 

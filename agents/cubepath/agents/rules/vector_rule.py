@@ -13,15 +13,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.local.random_streams import Streams
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-
-Streams: TypeAlias = NDArray[np.uint64]
-"""Random streams, shape (E, n, 6): one for each module of each environment, see `vector_streams`.
-
-The entries are the state and the increment of numpy's PCG64, each as its high and its low half,
-whether half a draw is kept, and that half. Drawing changes them.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream
+from cubepath.agents.local.random_streams import HESITATE, RULE, stream
+from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import permitted_rule, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
@@ -102,7 +103,7 @@ class FreeRuleAudit:
             modules=len(self._scene.start),
             start=seen.entered,
             goals=self._scene.goals[module] if self._scene.goals else (),
-            random=stream(seed, module, RULE),
+            stream=stream(seed, module, RULE),
         )
         doubt = stream(seed, module, HESITATE) if self._hesitate else None
         try:

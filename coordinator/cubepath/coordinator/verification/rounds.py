@@ -16,7 +16,7 @@ from array import array
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence, Set as AbstractSet
 from functools import lru_cache
-from hashlib import blake2b, sha256
+from hashlib import sha256
 
 import msgspec
 
@@ -444,8 +444,17 @@ class Rederivation:
 
 def rank(seed: int, number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round by its definition; the greater outranks."""
-    text = f"{seed}/{number}/{module}".encode()
-    return int.from_bytes(blake2b(text, digest_size=8).digest(), "big"), module
+    key = _splitmix(_splitmix(0, 3), seed % 2**64)
+    while seed := seed >> 64:
+        key = _splitmix(key, seed % 2**64)
+    return _splitmix(_splitmix(key, number), module), module
+
+
+def _splitmix(key: int, index: int) -> int:
+    found = (key + (index + 1) * 0x9E3779B97F4A7C15) % 2**64
+    found = (found ^ found >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+    found = (found ^ found >> 27) * 0x94D049BB133111EB % 2**64
+    return found ^ found >> 31
 
 
 def _addressed(message: ModuleMessage, place: Site) -> bool:

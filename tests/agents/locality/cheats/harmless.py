@@ -1,4 +1,4 @@
-"""A rule that is local: a cache that saves work, a generator of its own, time in a library."""
+"""A rule that is local: a cache that saves work, generators of its own, time in a library."""
 
 import logging
 from functools import lru_cache
@@ -24,11 +24,12 @@ def make(knowledge: InitialKnowledge) -> Rule:
         other: int
 
     own = np.random.default_rng(knowledge.module)
+    (more,) = knowledge.random.spawn(1)
     known: list[int] = []
 
     def choose(view: View) -> int:
         known.append(square(len(view.occupied)))
-        pair = Pair(int(own.integers(5)), int(knowledge.random.integers(5)))
+        pair = Pair(int(own.integers(5)), int(knowledge.random.integers(5) + more.integers(2)))
         logging.getLogger("harmless").debug("asked %s", pair)
         legal = view.mask.nonzero()[0]
         return int(legal[(sum(known) + pair.one + pair.other) % len(legal)])

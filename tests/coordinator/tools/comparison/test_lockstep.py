@@ -161,7 +161,7 @@ def test_what_was_drawn_is_the_cause_of_another_seed() -> None:
 def test_a_rank_is_the_cause_of_another_outcome() -> None:
     """Claims that are the same come of otherwise by ranks; who then senses what is told."""
     spec = "agv:graph=grid5x5,n=8"
-    found = diff(twin(spec, "tswap", seed=1), twin(spec, "tswap", seed=2))
+    found = diff(twin(spec, "tswap", seed=1), twin(spec, "tswap", seed=4))
     assert found.outcome is not None
     assert found.choice is not None
     assert found.outcome.round < found.choice.round

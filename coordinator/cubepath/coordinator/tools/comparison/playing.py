@@ -12,13 +12,15 @@ in an audit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cubepath.agents.rules.actor import HESITATE, RULE, Actor, stream, stream_at
+from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
+from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import is_in_file, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
@@ -156,11 +158,11 @@ class Player:
         self._scene = scene
         self._note: tuple[int, ...] | None = None
         self._actor: Actor | None = None
-        self._doubt: np.random.Generator | None = None
+        self._doubt: RandomStream | None = None
         rule = self._found(way, clock)
         if rule is None or way.seed is None or way.hesitate is None:
             return
-        self._random = stream(way.seed, module, RULE)
+        self._stream = stream(way.seed, module, RULE)
         self._doubt = stream(way.seed, module, HESITATE) if way.hesitate else None
         knowledge = InitialKnowledge(
             system=scene.system,
@@ -168,7 +170,7 @@ class Player:
             modules=len(scene.start),
             start=start,
             goals=scene.goals[module] if scene.goals else (),
-            random=self._random,
+            stream=self._stream,
         )
         try:
             self.length = rule.length(len(scene.start), clock)
@@ -203,8 +205,7 @@ class Player:
         actor = self._actor
         if actor is None:
             return None
-        before = self._random.bit_generator.state
-        doubted = None if self._doubt is None else self._doubt.bit_generator.state
+        before, doubted = deepcopy((self._stream, self._doubt))
         try:
             choice = actor.act(seen)
         except RuleError as error:
@@ -212,11 +213,9 @@ class Player:
             choice = Choice(failed=str(error))
         if choice.note:
             self._note = tuple(choice.note)
-        drew = _drawn(before, self._random.bit_generator.state)
-        doubt = None
-        if self._doubt is not None and doubted is not None:
-            doubts = _drawn(doubted, self._doubt.bit_generator.state)
-            doubt = doubts[0] if doubts else None
+        drew = _drawn(before, self._stream)
+        drew_doubt = self._doubt is not None and self._doubt.drawn
+        doubt = doubted.fraction() if doubted is not None and drew_doubt else None
         return Played(self._move(site, choice), self._note, choice.failed, drew, doubt, choice)
 
     def _move(self, site: Site, choice: Choice) -> tuple[str, Site] | None:
@@ -226,17 +225,34 @@ class Player:
         return None if move is None else (move.generator, move.at)
 
 
-def _drawn(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, ...] | None:
-    """Return the numbers that were drawn between two states of a stream, as fractions.
+def _drawn(before: RandomStream, after: RandomStream) -> tuple[float, ...] | None:
+    """Return the numbers that were drawn since a stream was copied, as fractions.
+
+    First those of the stream itself, then those of its numpy generator, which are told only if they
+    are at most `DRAWS_MAX`.
+    """
+    count = after.drawn - before.drawn
+    if count > DRAWS_MAX:
+        return None
+    found = [before.fraction() for _ in range(count)]
+    drawn = _drawn_by_numpy(before.generator, after.generator)
+    return None if drawn is None else (*found, *drawn)
+
+
+def _drawn_by_numpy(
+    before: np.random.Generator, after: np.random.Generator
+) -> tuple[float, ...] | None:
+    """Return the numbers drawn between two states of a generator, as fractions.
 
     PCG64 gives 64 bits a step; as numpy does for a random float, the upper 53 make the fraction.
     Of a rule that draws 32 bits numpy keeps the upper half of a number for the next time.
     """
-    if before["state"] == after["state"] and before["has_uint32"] > after["has_uint32"]:
-        return (before["uinteger"] * 2.0**-32,)
-    copy = stream_at(before).bit_generator
+    copy, known = before.bit_generator, after.bit_generator.state
+    state: Any = copy.state
+    if state["state"] == known["state"] and state["has_uint32"] > known["has_uint32"]:
+        return (state["uinteger"] * 2.0**-32,)
     found: list[float] = []
-    while copy.state["state"] != after["state"]:
+    while copy.state["state"] != known["state"]:
         if len(found) >= DRAWS_MAX:
             return None
         found.append((int(copy.random_raw()) >> 11) * 2.0**-53)
