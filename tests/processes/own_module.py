@@ -124,8 +124,8 @@ class Vehicle:
         self.hear("note", reach)
         free = sorted(near - {(*part["site"][0],) for part in self.hear("here", near).values()})
         nearer = [place for place in free if dist(place, self.goal) < away]
-        ways = nearer or (free if away and self.rank(-1)[0][0] % 2 else [])  # as good as random
-        ends = {self.place, ways[self.rank(-1)[0][1] % len(ways)]} if ways else set()
+        ways = nearer or (free if away and self.rank(-1)[0] % 2 else [])  # as good as random
+        ends = {self.place, ways[(self.rank(-1)[0] >> 8) % len(ways)]} if ways else set()
         move = {"generator": "edge", "at": [*sorted(ends), self.label]}
         self.say("claim", reach if ends else (), **move)
         self.begin("settle", "claim")
