@@ -94,7 +94,7 @@ def grid(purpose: int, seeds: int, modules: int, draws: int) -> NDArray[np.float
     """Return fractions by seed, module and index."""
     streams = streams_of(range(seeds), modules, purpose)
     index = np.arange(draws, dtype=np.uint64)
-    return hashed(streams[:, :, np.newaxis], index) / 2.0**64
+    return np.asarray(hashed(streams[:, :, np.newaxis], index) / 2.0**64, dtype=np.float64)
 
 
 def chi_square(cells: NDArray[np.intp], count: int) -> float:

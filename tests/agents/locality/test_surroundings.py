@@ -63,7 +63,7 @@ def life_of(spec: str, module: int) -> Life:
         count,
         scene.start[module],
         goals,
-        None,
+        0,
         [{} for _ in before],
         before=before,
     )
