@@ -37,7 +37,6 @@ LONG = {
     "recordings",
     "replay",
     "schedules",
-    "simulation",
     "testing",
 }
 """Pages that take seconds."""
