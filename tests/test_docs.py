@@ -29,11 +29,11 @@ LEFT_OUT = {
 LONG = {
     "README",
     "experiments",
-    "exporting",
     "extending",
     "free-clock",
     "hosts",
     "python",
+    "record",
     "recordings",
     "replay",
     "schedules",
@@ -53,8 +53,6 @@ SHOWN = {
     "pip install 'cubepath[proofs]'": "before a study that takes hours; tests/test_findings.py",
     "cubepath run hex:n=12 --listen tcp/127.0.0.1:17447 --wait-for 1": "one terminal of three",
     "cubepath log record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",
-    "cubepath: listening on tcp/127.0.0.1:17447 without TLS: whoever can connect can speak for any"
-    " module": "what the first says",
     "cubepath log record --connect tcp/127.0.0.1:17447 --snapshot 30 -o last.mcap": "until"
     " interrupted",
     "cubepath view --connect tcp/127.0.0.1:17447": "follows a run in another terminal",
