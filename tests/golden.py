@@ -22,7 +22,7 @@ from cubepath.coordinator.simulation.faults import ListedFaults
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import simulate
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import RecordingWriter
 
 FOLDER = Path(__file__).parent.parent / "logs" / "golden"

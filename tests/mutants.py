@@ -209,10 +209,10 @@ def _tested(trial: Trial, folder: Path) -> int:
 def _simulated(file: str, seeds: int, folder: Path) -> int:
     """Run the simulator from seed 0 on until a seed fails, hangs or raises."""
     # The mutant is in place by now.
-    from cubepath.coordinator.simulation.swarm import Free, Lockstep
+    from cubepath.coordinator.simulation.swarm import FreeSwarm, LockstepSwarm
 
     without_rounds = "agents/keepers/" in file or "agents/free/" in file
-    simulator = Free() if without_rounds else Lockstep()
+    simulator = FreeSwarm() if without_rounds else LockstepSwarm()
     with (folder / _BEGUN).open("wb", buffering=0) as begun:
         for seed in range(seeds):
             begun.write(b".")

@@ -144,10 +144,7 @@ class Desk:
 
     def _bash(self, text: str) -> tuple[int, str, str]:
         before = [str(Path(sys.executable).parent), os.environ["PATH"]]
-        environment = os.environ | {
-            "PATH": os.pathsep.join(before),
-            "PYTHONPATH": str(self.folder),
-        }
+        environment = os.environ | {"PATH": os.pathsep.join(before), "PYTHONPATH": str(self.folder)}
         done = in_shell(text, cwd=self.folder, env=environment)
         return done.returncode, done.stdout, done.stderr
 

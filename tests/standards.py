@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 import tomli_w
 
-from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import play_in_python
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.shortening.path_steps import read_steps

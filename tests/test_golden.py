@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.verification.recording import verify

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from cubepath.protocol.recordings.counts import BATCHES
+from cubepath.protocol.recordings.description import BATCHES
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import parts_said, schema_of

@@ -19,17 +19,7 @@ from cubepath.coordinator.experiments.tables import FACTORS, groups, priced
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.protocol import scene_from_spec
 from faces import ROOT
-from studies import (
-    FOLDER,
-    PAGE,
-    PICTURES,
-    TABLES,
-    beat,
-    committed,
-    kept,
-    tables_of_page,
-    with_best,
-)
+from studies import FOLDER, PAGE, PICTURES, TABLES, beat, committed, kept, tables_of_page, with_best
 
 SPECS = {
     "price": ("price", "price-vehicles", "price-random"),
@@ -185,12 +175,7 @@ def test_one_run_of_each_kind_comes_out_again() -> None:
         small = replace(spec, systems=(system,), seeds=(3,))
         again = kept(
             play_sweep(
-                expand(small),
-                None,
-                jobs=1,
-                cluster=None,
-                record=False,
-                watch=_unwatched,
+                expand(small), None, jobs=1, cluster=None, record=False, watch=_unwatched
             ).rows
         )
         known = {_named(row): row for row in committed(study)}

@@ -24,8 +24,7 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import edge_of
-from cubepath.protocol.systems.triangles import Triangles
+from cubepath.protocol.systems.point_sets import Triangles, edge_of
 
 POINTS = (100, 300, 1000, 3000, 7000, 10_000)
 FLIPS_A_POINT = 60

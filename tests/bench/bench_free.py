@@ -185,11 +185,7 @@ def _cubes(folder: Path, seeds: int) -> None:
         for clock, cubes in found.items():
             log = folder / f"cubes-{clock}-{seed}.mcap"
             plan = Plan(
-                system="agv:graph=grid6x6,n=12",
-                seed=seed,
-                hesitate=0.3,
-                clock=clock,
-                log=log,
+                system="agv:graph=grid6x6,n=12", seed=seed, hesitate=0.3, clock=clock, log=log
             )
             cubes.append(run(plan).cubes)
     for clock, cubes in found.items():

@@ -2,8 +2,8 @@
 
 With cubepath and its extra `proofs`: ``python tests/bench/bench_improve.py [--quick] [--prove S]``.
 
-Prints the table of docs/benchmarks.md: plans of other planners, triangulations as CG:SHOP 2026 has them,
-and a long random walk of every local system. `rounds` is the planner's own count where one is
+Prints the table of docs/benchmarks.md: plans of other planners, triangulations as CG:SHOP 2026 has
+them, and a long random walk of every local system. `rounds` is the planner's own count where one is
 known: for the vehicles a follower may enter what another leaves in the same round, which no cube
 allows. `seconds` is what improvement, bounds and exhaustive search took together. Where the lower
 bound is met, the path is as short as any; elsewhere ``--prove`` goes on, and the last three columns
@@ -23,8 +23,7 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import PathTask, task_of
-from cubepath.coordinator.theory.search.heuristics import Potential
-from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.coordinator.theory.search.transitions import Potential, Transitions
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.triangulations import random_points

@@ -28,11 +28,7 @@ from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import (
-    open_client,
-    publisher,
-    subscribe,
-)
+from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
 from processes.ears import wait_for_subscriber
 
 KEY = "cubepath/r/go/coordinator"

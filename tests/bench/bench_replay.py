@@ -39,7 +39,7 @@ from cubepath.coordinator.playback.segments import RecordedStates
 from cubepath.coordinator.playback.selection import SAID, KeyMapping, PlayedMessages
 from cubepath.coordinator.playback.timeline import Timeline
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR

@@ -33,7 +33,7 @@ import msgspec
 import zenoh
 from tqdm import tqdm
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import LockstepFleet
@@ -48,15 +48,7 @@ from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.keys import key_of, to_region, topic_of
-from cubepath.protocol.wire.messages import (
-    Go,
-    Message,
-    Ready,
-    Report,
-    Reports,
-    Said,
-    parts_of,
-)
+from cubepath.protocol.wire.messages import Go, Message, Ready, Report, Reports, Said, parts_of
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, publisher, put, subscribe

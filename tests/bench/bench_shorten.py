@@ -120,17 +120,7 @@ def show(*cells: object) -> None:
 
 
 _WIDTHS = (12, 8, 8, 6, 7, 9, 8, 7, 6)
-_HEAD = (
-    "algorithm",
-    "moves",
-    "left",
-    "cubes",
-    "max dim",
-    "cpu s",
-    "us/move",
-    "x floor",
-    "growth",
-)
+_HEAD = ("algorithm", "moves", "left", "cubes", "max dim", "cpu s", "us/move", "x floor", "growth")
 
 
 Paths = Callable[[int], Sequence[Action]]

@@ -25,7 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.tools.viewing.pages import pack, page_text
 from cubepath.coordinator.tools.viewing.run_view import RunView, document_of

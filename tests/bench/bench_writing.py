@@ -33,7 +33,7 @@ from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import CHUNK_BYTES, RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 

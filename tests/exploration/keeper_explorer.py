@@ -31,14 +31,7 @@ from cubepath.protocol.wire.free_messages import Decision
 from exploration.keeper_history import History
 from exploration.keeper_modules import Modules, is_heard
 from exploration.keeper_seats import Seats, check_no_circle
-from exploration.keeper_world import (
-    Dealt,
-    Log,
-    Scenario,
-    World,
-    unchanged,
-    words_of,
-)
+from exploration.keeper_world import Dealt, Log, Scenario, World, unchanged, words_of
 from oracles.components import bottoms
 
 
@@ -137,11 +130,7 @@ class Explorer:
         )
         modules = tuple(map(self._modules.first, range(len(start))))
         world = World(
-            keepers,
-            modules,
-            frozenset(),
-            self._history(History.at(system, start)),
-            scenario.faults,
+            keepers, modules, frozenset(), self._history(History.at(system, start)), scenario.faults
         )
         if scenario.enters:
             for module in range(len(start)):

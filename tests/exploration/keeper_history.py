@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from cubepath.agents.keepers.journal import Born, Committed, Decided, Record
+from cubepath.agents.keepers.journal import Committed, Decided, JoinedRecord, Record
 from cubepath.agents.keepers.keeper import Keeper, Name, name_of
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
@@ -57,7 +57,7 @@ class History(NamedTuple):
                     return self
                 assert name not in self.committed, f"{name} is refused after its commit"
                 return self._replace(refused=self.refused | {name})
-            case Born(enter=enter):
+            case JoinedRecord(enter=enter):
                 assert enter.birth > self.births[enter.module], "an earlier birth comes later"
                 return self._replace(
                     births=_with(self.births, enter.module, enter.birth),

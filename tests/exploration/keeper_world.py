@@ -25,7 +25,7 @@ from cubepath.protocol.wire.free_messages import (
     Settled,
     Tells,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 Part: TypeAlias = Attempt | Enter | Passed | Decision | Inquiry | Settled | Entered | Hold | Held
 

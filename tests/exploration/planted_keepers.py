@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from cubepath.agents.keepers.attempts import Planned
+from cubepath.agents.keepers.attempts import AttemptPlan
 from cubepath.agents.keepers.journal import Journal, Prepared, Record
 from cubepath.agents.keepers.keeper import ABORTED, Keeper, _Pending
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Decision, Inquiry, Moved
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 
 class ForgetsRefusals(Keeper):
@@ -64,7 +64,7 @@ class DecidesAlone(Keeper):
 class ForgetsFences(Keeper):
     """Lets modules act in epochs that are over."""
 
-    def _fenced_off(self, plan: Planned) -> str | None:
+    def _fenced_off(self, plan: AttemptPlan) -> str | None:
         why = super()._fenced_off(plan)
         return None if why is not None and "fenced" in why else why
 
@@ -79,7 +79,7 @@ class AnswersNoInquiry(Keeper):
 class CountsNoReads(Keeper):
     """Forgets when a unit was read, and so what level a later move of it has."""
 
-    def _apply(self, decision: Decision, plan: Planned) -> None:
+    def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
         super()._apply(decision, plan)
         for unit in plan.shares[self.me].reads:
             self.units.units[unit].read_level = 0

@@ -23,10 +23,10 @@ from words import compared, parser, plain, text_of, write
 
 from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import ScenarioOptions
-from cubepath.coordinator.simulation.swarm import Free, Lockstep
+from cubepath.coordinator.simulation.swarm import FreeSwarm, LockstepSwarm
 
 
-class _Lockstep(Lockstep):
+class _Lockstep(LockstepSwarm):
     """Keeps the trace of its last run."""
 
     trace: Trace
@@ -36,7 +36,7 @@ class _Lockstep(Lockstep):
         return super().play(seed, scenario, faults, self.trace)
 
 
-class _Free(Free):
+class _Free(FreeSwarm):
     """Keeps the trace of its last run."""
 
     trace: Trace

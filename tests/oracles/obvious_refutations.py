@@ -221,9 +221,7 @@ class Refutation:
         for site in in_order(move[0].free):
             for value in (True, False):
                 self.clause(
-                    -made,
-                    self.site_is(site, time - 1, not value),
-                    self.site_is(site, time, value),
+                    -made, self.site_is(site, time - 1, not value), self.site_is(site, time, value)
                 )
         for one, other in move[0].guards:
             self.clause(

@@ -56,12 +56,7 @@ def pairs_of(where: Scene, count: int, *, seed: int, rounds: int = 9) -> Iterato
 
 
 def pairs_near(
-    state: State,
-    moves: System | Sequence[Action],
-    count: int,
-    *,
-    seed: int,
-    rounds: int = 9,
+    state: State, moves: System | Sequence[Action], count: int, *, seed: int, rounds: int = 9
 ) -> Iterator[Pair]:
     """Yield so many pairs: states on random walks from this one, and on walks from there."""
     random = Random(seed)  # noqa: S311 - nothing secret

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.states import Steps, snapshots
 from cubepath.coordinator.tools.viewing.run_view import RunView

@@ -8,14 +8,7 @@ from typing import Literal, cast
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import addressees
-from cubepath.protocol.wire.messages import (
-    Part,
-    Report,
-    Reports,
-    Said,
-    decode,
-    kind_of,
-)
+from cubepath.protocol.wire.messages import Part, Report, Reports, Said, decode, kind_of
 
 Phase = Literal["sense", "claim", "settle"]
 PHASE: dict[str, Phase] = {"here": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}

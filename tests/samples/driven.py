@@ -63,11 +63,7 @@ class Driven:
             )
             for process, modules in enumerate(modules_of)
         ]
-        self.conductor = Conductor(
-            self.scene,
-            max_rounds=1000,
-            record=lambda _: None,
-        )
+        self.conductor = Conductor(self.scene, max_rounds=1000, record=lambda _: None)
         self.conductor.know(modules_of, seed)
         self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.check)
         self.put: list[tuple[str, bytes]] = []

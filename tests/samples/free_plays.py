@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from hypothesis import strategies as st
 
-from cubepath.agents.environments.free_rollout import FreePlayed, Watch, play_free
+from cubepath.agents.environments.rollouts import FreeRollout, Watch, play_free
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.system import Scene
 
@@ -26,13 +26,8 @@ class Pace:
     """Before which turn which module, modulo the number of modules, loses all it knows."""
 
     def play(
-        self,
-        scene: Scene,
-        rule: RuleType,
-        *,
-        max_cycles: int = 4000,
-        watch: Watch | None = None,
-    ) -> FreePlayed:
+        self, scene: Scene, rule: RuleType, *, max_cycles: int = 4000, watch: Watch | None = None
+    ) -> FreeRollout:
         """Play a rule at this pace."""
         count = len(scene.start)
         restarts: dict[int, list[int]] = {}

@@ -20,7 +20,7 @@ from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge, RuleType
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.verification.findings import Verification
@@ -50,8 +50,8 @@ from cubepath.protocol.wire.free_messages import (
     free_topic,
     level_of,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Certified, Cube, Edges, Summary, encode
-from cubepath.protocol.wire.tiles import Tiles
 from samples.free_numbers import Numbering, numbered
 from samples.free_rules import GOSSIP
 from samples.recordings import new_path

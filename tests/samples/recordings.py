@@ -16,7 +16,7 @@ from msgspec.structs import replace as with_fields
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Acts,

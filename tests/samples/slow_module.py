@@ -27,8 +27,8 @@ from cubepath.coordinator.simulation.network import SimulatedNetwork
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns, decode_free
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.nodes import Node, Put
-from cubepath.protocol.wire.tiles import Tiles
 
 SLOW = 100.0
 """So many times slower it is than its neighbours, which think for `THINK_S`."""
@@ -134,13 +134,7 @@ def _keeper(me: int, scene: Scene, tiles: Tiles, modules_of: list[list[int]]) ->
     return KeeperNode(Keeper(me, scene, tiles, MemoryJournal()), "run", modules_of)
 
 
-def _host(
-    process: int,
-    modules: list[int],
-    scene: Scene,
-    slow: int,
-    seed: int,
-) -> Node:
+def _host(process: int, modules: list[int], scene: Scene, slow: int, seed: int) -> Node:
     orders = FreeProcessConfig(
         endpoint="",
         run="run",

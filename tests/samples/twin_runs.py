@@ -16,7 +16,7 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType,
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Edges, Executed, Report, decode, parts_of
 from samples.batched import batches

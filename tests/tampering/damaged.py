@@ -16,12 +16,12 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.salvaging import (
     SalvagedMessage as FoundMessage,
     messages_in,
     salvage,
 )
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode

@@ -12,7 +12,7 @@ from typing import Any
 from changed_values import with_own_schedule
 from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.free_messages import Asks, Attempt, FreeMessage, Passes, Settled
 from samples.free_numbers import numbered
@@ -587,10 +587,7 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         a_goal_that_was_not_reached,
         lambda: summing(gossip(), ended="goal"),
     ),
-    "an end before `max_rounds`": (
-        an_end_before_its_time,
-        lambda: told(gossip(), max_rounds="99"),
-    ),
+    "an end before `max_rounds`": (an_end_before_its_time, lambda: told(gossip(), max_rounds="99")),
     "a number or the digest of the summary": (
         lambda: summing(crowd(), moves=1),
         lambda: summing(chain(), path_digest="0" * 64),
@@ -612,10 +609,7 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         lambda: explained(crowd()),
         lambda: explained(chain()),
     ),
-    "a move of a cube": (
-        a_move_of_a_cube_is_missing,
-        lambda: edited(chain(), "cube", _with_less),
-    ),
+    "a move of a cube": (a_move_of_a_cube_is_missing, lambda: edited(chain(), "cube", _with_less)),
     "two cubes exchanged": (two_cubes_swapped, lambda: cubes_swapped(chain())),
     "edges of other moves": (
         lambda: edited(crowd(), "edges", _with_less),

@@ -9,7 +9,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.messages import (
     Again,
     Go,

@@ -1,11 +1,13 @@
-from cubepath.agents.environments.free_rollout import play_free as play_free
 from cubepath.agents.environments.making import (
     env as env,
     parallel_env as parallel_env,
     raw_env as raw_env,
 )
-from cubepath.agents.environments.playing import play as play
-from cubepath.agents.environments.rollouts import play_many as play_many
+from cubepath.agents.environments.rollouts import (
+    play as play,
+    play_free as play_free,
+    play_many as play_many,
+)
 from cubepath.agents.environments.sb3 import (
     sb3_env as sb3_env,
     sb3_rule as sb3_rule,
@@ -35,9 +37,9 @@ from cubepath.agents.rules.rule import (
 )
 from cubepath.agents.rules.vector_actors import vector_actors_for as vector_actors_for
 from cubepath.agents.rules.vector_rule import (
-    Chosen as Chosen,
-    GaveUp as GaveUp,
-    Seen as Seen,
+    RuleFailure as RuleFailure,
+    VectorChoice as VectorChoice,
     VectorKnowledge as VectorKnowledge,
     VectorRule as VectorRule,
+    VectorView as VectorView,
 )

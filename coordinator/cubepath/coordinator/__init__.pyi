@@ -1,4 +1,4 @@
-from cubepath.coordinator.auditing.recording import audit as audit
+from cubepath.coordinator.auditing.playing import audit as audit
 from cubepath.coordinator.experiments.instances import standard as standard
 from cubepath.coordinator.experiments.report import SweepReport as SweepReport
 from cubepath.coordinator.experiments.sweeping import read_sweep as read_sweep, sweep as sweep
@@ -54,12 +54,12 @@ from cubepath.coordinator.theory.proof_checking.optimality import (
 from cubepath.coordinator.theory.search.anytime import improve as improve
 from cubepath.coordinator.theory.search.exact import optimum as optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
-from cubepath.coordinator.theory.search.simply_connected import only_class as only_class
+from cubepath.coordinator.theory.search.transitions import only_class as only_class
 from cubepath.coordinator.tools.comparison.comparing import diff as diff
-from cubepath.coordinator.tools.comparison.told import Compared as Compared
+from cubepath.coordinator.tools.comparison.told import RunComparison as RunComparison
 from cubepath.coordinator.tools.exports.exporting import export as export
 from cubepath.coordinator.tools.live.remote_pages import watch_run as watch_run
-from cubepath.coordinator.tools.live.watching import Live as Live
+from cubepath.coordinator.tools.live.watching import LivePage as LivePage
 from cubepath.coordinator.tools.recorder.recorder import record as record
 from cubepath.coordinator.tools.viewing.pages import (
     page_document as page_document,

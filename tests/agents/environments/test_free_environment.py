@@ -12,7 +12,7 @@ from pettingzoo.test import api_test, seed_test
 
 from cubepath.agents import Choice, env
 from cubepath.agents.environments.environment import CubepathEnv
-from cubepath.agents.environments.free_environment import FreeEnv, Unfair, scheduler_named
+from cubepath.agents.environments.free_environment import FreeEnv, UnfairOrder, scheduler_named
 from cubepath.agents.environments.free_world import FreeWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -203,7 +203,7 @@ def test_schedulers_let_everybody_act() -> None:
     acts = [slow.next(committed=True) for _ in range(20000)]
     assert 60 <= acts.count(0) / acts.count(1) <= 150
     for committed in (False, True):
-        unfair = Unfair(4)
+        unfair = UnfairOrder(4)
         acts = [unfair.next(committed=committed) for _ in range(2000)]
         assert {acts.count(module) > 0 for module in range(4)} == {True}
     bursts = [len(list(same)) for _, same in groupby(acts)]

@@ -8,10 +8,7 @@ from typing import Any
 import pytest
 
 from cubepath.agents.arrays import batch, warming
-from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import play_in_python
-from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.environments.rollouts import play, play_free, play_in_python, play_many
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleType

@@ -16,7 +16,7 @@ from cubepath.agents import Choice, InitialKnowledge, Rule, RuleType, View, env 
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.making import parallel_env
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError

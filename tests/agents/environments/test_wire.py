@@ -15,8 +15,7 @@ import zenoh
 from msgspec.structs import replace
 
 from cubepath.agents import parallel_env
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import Played
+from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.processes.fleet import LockstepFleet
@@ -50,7 +49,7 @@ SPECS = [
 ]
 
 
-def path_of(played: Played) -> Path:
+def path_of(played: Rollout) -> Path:
     """Return the edge path of a run in the environment."""
     return [
         (done.number, module, move.generator, move.at)
@@ -113,7 +112,7 @@ def test_same_seed_same_path_over_many_seeds(spec: str, seeds: int) -> None:
 
 
 def reports_of_seeds(
-    scene: Scene, rule: str, played: list[Played], *, hesitate: float, processes: int
+    scene: Scene, rule: str, played: list[Rollout], *, hesitate: float, processes: int
 ) -> Iterator[list[Report]]:
     """Yield the reports of the seeds 0, 1, ... on one fleet, each as many rounds as were played."""
     found: list[Report] = []

@@ -10,9 +10,9 @@ from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Repeat, decode_free, free_key
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
-from cubepath.protocol.wire.tiles import Tiles
 
 
 def host(scene: Scene, birth: int) -> FreeHostNode:

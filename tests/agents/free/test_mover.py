@@ -21,7 +21,7 @@ from cubepath.protocol.wire.free_messages import (
     Shown,
     Shows,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 SCENE = scene_from_spec("agv:graph=S3,n=1")
 SITE = SCENE.start[0]

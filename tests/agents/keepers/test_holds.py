@@ -141,12 +141,7 @@ def test_the_decision_of_another_keeper_ends_what_is_held() -> None:
     row = Row()
     row.hold(2, 1, 3, 4)
     row.prepare()
-    assert row.keeper._exclusive == {
-        (False, 3): ~2,
-        (True, 3): ~2,
-        (False, 4): 2,
-        (True, 4): 2,
-    }
+    assert row.keeper._exclusive == {(False, 3): ~2, (True, 3): ~2, (False, 4): 2, (True, 4): 2}
     row.hear(REFUSED)
     assert not row.keeper._exclusive
 

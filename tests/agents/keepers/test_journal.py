@@ -12,10 +12,10 @@ import pytest
 
 from cubepath.agents.keepers.journal import (
     Acknowledged,
-    Born,
     Committed,
     Decided,
     FileJournal,
+    JoinedRecord,
     Journal,
     MemoryJournal,
     Opened,
@@ -49,7 +49,7 @@ RECORDS: list[Record] = [
     _committed(1),
     Acknowledged(1, 0, 0, 1),
     Decided(Decision(0, 0, 2, why="refused")),
-    Born(Enter(0, 1)),
+    JoinedRecord(Enter(0, 1)),
     _committed(2),
 ]
 

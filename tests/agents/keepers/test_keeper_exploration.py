@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from cubepath.agents.keepers.attempts import Planned
+from cubepath.agents.keepers.attempts import AttemptPlan
 from cubepath.agents.keepers.keeper import Keeper, _Hold, _Last, _Pending
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -169,7 +169,7 @@ class _Forgetful(Keeper):
 class _Unfenced(Keeper):
     """Takes attempts of any epoch."""
 
-    def _fenced_off(self, plan: Planned) -> str | None:
+    def _fenced_off(self, plan: AttemptPlan) -> str | None:
         del plan
         return None
 

@@ -21,9 +21,9 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
     free_key,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, encode
 from cubepath.protocol.wire.nodes import End, Listen, Put, Timer
-from cubepath.protocol.wire.tiles import Tiles
 
 SCENE = scene_from_spec("agv:graph=S3,n=2")
 

@@ -15,7 +15,7 @@ from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Decision, Moved, Passes, Tells
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 SPECS = (
     "hex:n=4",

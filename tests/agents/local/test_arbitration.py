@@ -143,9 +143,7 @@ def test_each_pair_that_conflicts_knows_who_goes_before(
 
 
 @given(parts)
-def test_who_is_taken_along_waits_and_is_taken(
-    drawn: list[tuple[set[int], set[int], int]],
-) -> None:
+def test_who_is_taken_along_waits_and_is_taken(drawn: list[tuple[set[int], set[int], int]]) -> None:
     """Whom a claim takes along is told its verdict, and goes where its motion says."""
     for module, claim in claims_of(drawn).items():
         (source, target), *along = claim.motion

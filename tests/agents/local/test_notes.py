@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cubepath.agents.local.notes import nothing_said
+from cubepath.agents.local.module import nothing_said
 
 
 def test_there_is_nothing_to_say_before_the_first_choice() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.locality import check as check_module
-from cubepath.agents.locality.check import Checked, Checker, Stage, check_rule
+from cubepath.agents.locality.check import Checker, LocalityReport, PlayProcesses, check_rule
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.protocol.core.errors import InputError
 
@@ -17,13 +17,15 @@ CHEATS = Path(__file__).parent / "cheats"
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[PlayProcesses]:
     """Return the processes that all rules of a test are played in."""
-    with Stage(seed=1, timeout_s=inf) as found:
+    with PlayProcesses(seed=1, timeout_s=inf) as found:
         yield found
 
 
-def checked(stage: Stage, cheat: str, *systems: str) -> tuple[Checked, dict[str, str]]:
+def checked(
+    stage: PlayProcesses, cheat: str, *systems: str
+) -> tuple[LocalityReport, dict[str, str]]:
     """Return what is found of a rule in `cheats`, and the lines by kind."""
     rule = f"{CHEATS / cheat}.py:RULE"
     checker = Checker(stage, rule, seed=1, progress=lambda: None)
@@ -64,7 +66,7 @@ def test_our_own_rules_are_local_without_rounds(rule: str) -> None:
 
 
 @pytest.mark.slow
-def test_who_cheats_is_found_without_rounds(stage: Stage, tmp_path: Path) -> None:
+def test_who_cheats_is_found_without_rounds(stage: PlayProcesses, tmp_path: Path) -> None:
     """A global that modules share shows in turns too, which are named in the line."""
     text = (CHEATS / "module_globals.py").read_text()
     free = "lambda _: True, make, free=FreeRule('not at all'))"
@@ -82,7 +84,7 @@ def test_who_cheats_is_found_without_rounds(stage: Stage, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_rule_for_rounds_alone_is_refused_without(stage: Stage) -> None:
+def test_a_rule_for_rounds_alone_is_refused_without(stage: PlayProcesses) -> None:
     """It says nothing of why it would hold, so it is not played."""
     rule = f"{CHEATS / 'harmless'}.py:RULE"
     checker = Checker(stage, rule, seed=1, progress=lambda: None, clock="free")
@@ -93,7 +95,7 @@ def test_a_rule_for_rounds_alone_is_refused_without(stage: Stage) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_local_is_left_alone(stage: Stage) -> None:
+def test_what_is_local_is_left_alone(stage: PlayProcesses) -> None:
     """A cache, a generator from the module's number, libraries that look at frames: no finding."""
     found, lines = checked(stage, "harmless", "agv:graph=grid6x6,n=6")
     assert lines == {}
@@ -163,7 +165,7 @@ ESSENTIAL = (
         for cheat in EXPECTED
     ],
 )
-def test_each_way_of_cheating_is_named(stage: Stage, cheat: str) -> None:
+def test_each_way_of_cheating_is_named(stage: PlayProcesses, cheat: str) -> None:
     """What is found is that and nothing else, in the right words."""
     _, lines = checked(stage, cheat)
     assert lines.keys() == EXPECTED[cheat].keys()
@@ -185,7 +187,7 @@ def test_each_way_of_cheating_is_named(stage: Stage, cheat: str) -> None:
         ),
     ],
 )
-def test_who_sees_beyond_reach_is_found(stage: Stage, cheat: str, why: str | None) -> None:
+def test_who_sees_beyond_reach_is_found(stage: PlayProcesses, cheat: str, why: str | None) -> None:
     """A choice changes with what the module cannot sense, whatever way it has found there."""
     found, lines = checked(stage, cheat, "agv:graph=grid6x6,n=5")
     assert found.changes > 100

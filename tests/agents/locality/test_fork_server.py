@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.locality.fork_server import ForkServer
-from cubepath.agents.locality.plays import Conditions, Fit, Task, Together
+from cubepath.agents.locality.plays import Conditions, FitQuestion, PlayTask, WholeRun
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 CHEATS = Path(__file__).parent / "cheats"
 pytestmark = pytest.mark.slow
 
 
-def task(rule: str, folder: Path, **conditions: bool) -> Task:
-    play = Together(scene_from_spec("hex:n=3"), seed=1, hesitate=0.0, rounds=4)
-    return Task(rule, play, Conditions(**conditions), str(folder))
+def task(rule: str, folder: Path, **conditions: bool) -> PlayTask:
+    play = WholeRun(scene_from_spec("hex:n=3"), seed=1, hesitate=0.0, rounds=4)
+    return PlayTask(rule, play, Conditions(**conditions), str(folder))
 
 
 def running(group: int) -> list[str]:
@@ -75,9 +75,9 @@ def test_a_rule_is_asked_what_it_is_for(tmp_path: Path) -> None:
     """Of many scenes those that fit; what is wrong with its file is told."""
     specs = ("hex:n=3", "agv:graph=K3,n=2", "arm:n=3", "hex-connected")
     with ForkServer(1) as server:
-        fit = server.play(Task("tswap", Fit(specs), Conditions(), str(tmp_path)))
-        all_fit = server.play(Task("random", Fit(specs), Conditions(), str(tmp_path)))
-        wrong = server.play(Task("nonesuch", Fit(specs), Conditions(), str(tmp_path)))
+        fit = server.play(PlayTask("tswap", FitQuestion(specs), Conditions(), str(tmp_path)))
+        all_fit = server.play(PlayTask("random", FitQuestion(specs), Conditions(), str(tmp_path)))
+        wrong = server.play(PlayTask("nonesuch", FitQuestion(specs), Conditions(), str(tmp_path)))
     assert fit.specs == ("agv:graph=K3,n=2",)
     assert all_fit.specs == specs[:3]
     assert wrong.unfit is not None

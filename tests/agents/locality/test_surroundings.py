@@ -12,8 +12,8 @@ from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
 from cubepath.agents.locality.check import SCENES, all_scenes
-from cubepath.agents.locality.plays import Life, Surroundings
-from cubepath.agents.locality.surroundings import Changes, surrounding_scene, within_reach
+from cubepath.agents.locality.plays import ModuleLife, Surroundings
+from cubepath.agents.locality.surroundings import ChangedWorlds, surrounding_scene, within_reach
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.actions import commute
@@ -52,26 +52,20 @@ def run_of(spec: str) -> tuple[Scene, list[list[dict[str, list[int]]]], list[tup
     return scene, seen, sites
 
 
-def life_of(spec: str, module: int) -> Life:
+def life_of(spec: str, module: int) -> ModuleLife:
     scene, _, _ = run_of(spec)
     goals = scene.goals[module] if scene.goals else ()
     count = len(scene.start)
     # What counts here is how many rounds it saw, and which.
     before = list(range(ROUNDS))
-    return Life(
-        module,
-        count,
-        scene.start[module],
-        goals,
-        0,
-        [{} for _ in before],
-        before=before,
+    return ModuleLife(
+        module, count, scene.start[module], goals, 0, [{} for _ in before], before=before
     )
 
 
 def made(spec: str, module: int, seed: int) -> list[Surroundings]:
     scene, _, sites = run_of(spec)
-    changes = Changes(scene, life_of(spec, module), sites, Random(seed))  # noqa: S311 - a test's own
+    changes = ChangedWorlds(scene, life_of(spec, module), sites, Random(seed))  # noqa: S311 - a test's own
     return [changes.elsewhere(), changes.fewer_and_more()]
 
 

@@ -10,12 +10,12 @@ import pytest
 from msgspec.structs import replace as replaced
 
 from cubepath.agents.processes.node import HostNode
-from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.runs.conductor import Conductor, RunEnd
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Again, Go, Message, Report, Reports, Said, encode
@@ -79,7 +79,7 @@ def recording_of(run: ShortRun, kept: Sequence[tuple[bytes, Message]]) -> Record
         record(message, data)
         conductor.hear(message)
     ending = conductor.between(run.rounds, lambda: None)
-    assert isinstance(ending, Ending)
+    assert isinstance(ending, RunEnd)
     assert ending.ended != "failed"
     for message in conductor.results(ending):
         record(message, encode(message))

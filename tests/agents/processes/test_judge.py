@@ -225,10 +225,7 @@ def test_notes_have_their_length_and_no_number_that_stands_for_none() -> None:
     note = said(Note(4, 1, 3, [1, 2]))
     assert judge().heard(note).said == note
     assert judge(note_length=2).heard(note).said == note
-    assert why_not(note, note_length=1) == (
-        "malformed",
-        "note of module_1: 2 numbers, expected 1",
-    )
+    assert why_not(note, note_length=1) == ("malformed", "note of module_1: 2 numbers, expected 1")
     least = -(1 << 31)
     assert judge().heard(said(Note(4, 1, 3, [least + 1])))
     line = f"note of module_1: {least} stands for no note, expected more"
@@ -272,11 +269,7 @@ def test_a_whole_message_has_a_part_of_each_module() -> None:
             "foreign",
             "report of module_1, who is not in process_0",
         ),
-        (
-            Reports(4, 1, [report(1, number=3)]),
-            "out of place",
-            "report of round 3 in 4",
-        ),
+        (Reports(4, 1, [report(1, number=3)]), "out of place", "report of round 3 in 4"),
         (
             Reports(4, 0, [report(0)]),
             "malformed",

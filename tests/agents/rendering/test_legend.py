@@ -48,11 +48,7 @@ def after_a_move(scene: Scene) -> list[Shot]:
         ("agv-labelled:graph=K5,n=2", ["goal of the module of its colour"], MOVED),
         ("arm:n=4", ["goal", "joint"], MOVED),
         ("arms:n=1", ["goal", "fixed", "joint"], MOVED),
-        (
-            "polygon:n=5",
-            ["goal", "fixed edge"],
-            ["has just flipped", "quadrilateral of a flip"],
-        ),
+        ("polygon:n=5", ["goal", "fixed edge"], ["has just flipped", "quadrilateral of a flip"]),
         (
             "words",
             ["lower right: letter of the goal", "has the letter of the goal"],

@@ -16,7 +16,7 @@ from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.wire.free_messages import Attempt
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 from samples.local_families import LOCAL_FAMILIES
 
 PATH = GraphSystem(range(4), [(0, 1), (1, 2), (2, 3)])

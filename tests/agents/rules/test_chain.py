@@ -9,8 +9,7 @@ from statistics import mean
 
 import pytest
 
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import Played
+from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import STAY, observe, view_of
 from cubepath.agents.local.random_streams import RandomStream
@@ -20,13 +19,7 @@ from cubepath.agents.rules.rule import InitialKnowledge, Rule, as_choice
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.actions import Action, admissible, commute
-from cubepath.protocol.core.catalogue import (
-    HEX_DIRECTIONS,
-    HEXAGONS,
-    Catalogue,
-    Cell,
-    Move,
-)
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -68,11 +61,11 @@ def changed(scene: Scene, turn: Turn) -> Scene:
     return scene_of(put(scene.start), put(scene.goals[0]))
 
 
-def paths(played: Played) -> list[dict[int, tuple[Site, Site]]]:
+def paths(played: Rollout) -> list[dict[int, tuple[Site, Site]]]:
     return [{m: (move.source, move.target) for m, move in r.moves.items()} for r in played.rounds]
 
 
-def actions_of(played: Played) -> list[list[Action]]:
+def actions_of(played: Rollout) -> list[list[Action]]:
     return [[move.action for move in each.moves.values()] for each in played.rounds]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.agents.environments.free_rollout import play_free
+from cubepath.agents.environments.rollouts import play_free
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -47,16 +47,14 @@ def test_the_moves_are_those_of_the_rule_with_rounds() -> None:
 
 
 @pytest.mark.thorough
-def test_without_the_guard_walkers_that_see_late_are_stuck(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_the_guard_walkers_that_see_late_are_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
     """The guard is what keeps them apart: the same runs without it do not all get there."""
-    from cubepath.agents.rules.chain_task import Task
+    from cubepath.agents.rules.chain_task import ChainTask
 
-    guarded = Task.guarded
+    guarded = ChainTask.guarded
     scene = scene_from_spec("hex:n=8")
     assert all(play_free(scene, CHAIN, seed=seed, lag=5).reached for seed in range(4))
-    monkeypatch.setattr(Task, "guarded", lambda task, view: (guarded(task, view)[0], ()))
+    monkeypatch.setattr(ChainTask, "guarded", lambda task, view: (guarded(task, view)[0], ()))
     runs = [play_free(scene, CHAIN, seed=seed, lag=5, max_cycles=300) for seed in range(4)]
     assert not all(played.reached for played in runs)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 
-from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.environments.free_world import ActionResult, FreeWorld
 from cubepath.agents.rules.free_pibt import AT_GOAL, PushRegister, patience
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.protocol.core.system import Scene
@@ -22,7 +22,7 @@ def check_promise(scene: Scene, pace: Pace) -> None:
     goals = [(known[0], label) for label, known in enumerate(scene.goals)]
     missing = {label for label, goal in enumerate(goals) if scene.start[label] != goal}
 
-    def watch(world: FreeWorld, acted: Acted) -> None:
+    def watch(world: FreeWorld, acted: ActionResult) -> None:
         del acted
         missing.difference_update([each for each in missing if world.sites[each] == goals[each]])
         if not missing:
@@ -93,7 +93,7 @@ def test_whoever_leaves_its_goal_is_weaker_than_all_it_knew_of() -> None:
     scene = random_labelled_scene("grid4x4", 6, 1)
     times: dict[int, int] = {}
 
-    def watch(world: FreeWorld, acted: Acted) -> None:
+    def watch(world: FreeWorld, acted: ActionResult) -> None:
         if acted.moved is None or not world.registers[acted.module]:
             return
         time = PushRegister(*world.registers[acted.module]).time

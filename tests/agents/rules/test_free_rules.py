@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.environments.free_world import ActionResult, FreeWorld
+from cubepath.agents.environments.rollouts import play_free
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import BUILT_IN, rule_named
 from cubepath.agents.rules.rule import FreeRule
@@ -93,7 +93,7 @@ def legal_moves(spec: str, **played: Any) -> int:
     state = set(scene.start_state)
     count = 0
 
-    def watch(world: FreeWorld, acted: Acted) -> None:
+    def watch(world: FreeWorld, acted: ActionResult) -> None:
         nonlocal state, count
         if acted.move is not None and acted.moved is not None:
             assert acted.move.possible(state)
@@ -149,7 +149,7 @@ def test_a_slow_module_is_waited_for(factor: int) -> None:
     scene = scene_from_spec("hex:n=6")
     turns = [0] * 6
 
-    def watch(world: FreeWorld, acted: Acted) -> None:
+    def watch(world: FreeWorld, acted: ActionResult) -> None:
         del world
         turns[acted.module] += 1
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.agents.environments.free_rollout import FreePlayed
-from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.environments.free_world import ActionResult, FreeWorld
+from cubepath.agents.environments.rollouts import FreeRollout
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.free_tswap import NOTHING, GoalRegister
 from cubepath.agents.rules.graph_distances import roads_of
@@ -32,7 +32,7 @@ class Goals:
         self.rotations = 0
         self.left: int | None = None
 
-    def __call__(self, world: FreeWorld, acted: Acted) -> None:
+    def __call__(self, world: FreeWorld, acted: ActionResult) -> None:
         """Look at all registers."""
         if acted.moved is None:
             return
@@ -55,7 +55,7 @@ class Goals:
         self.left = left
 
 
-def played(scene: Scene, pace: Pace, *, max_cycles: int = 4000) -> tuple[FreePlayed, Goals]:
+def played(scene: Scene, pace: Pace, *, max_cycles: int = 4000) -> tuple[FreeRollout, Goals]:
     goals = Goals(scene)
     return pace.play(scene, TSWAP, max_cycles=max_cycles, watch=goals), goals
 

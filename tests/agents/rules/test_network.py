@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.agents.local.relative import relative_layout
-from cubepath.agents.rules.policy import FORMAT, Layer, Network, network_rule, read_network
+from cubepath.agents.rules.policy import FORMAT, Layer, PolicyNetwork, network_rule, read_network
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from oracles.stacked import Side
@@ -18,7 +18,7 @@ from oracles.stacked import Side
 SPEC = "agv:graph=grid3x3,n=3"
 
 
-def network(*widths: int, seed: int = 0) -> Network:
+def network(*widths: int, seed: int = 0) -> PolicyNetwork:
     """Return a network with any weights."""
     random = np.random.default_rng(seed)
     layers = [
@@ -27,10 +27,10 @@ def network(*widths: int, seed: int = 0) -> Network:
             widths, widths[1:], ["relu", "tanh", "none"][4 - len(widths) :], strict=False
         )
     ]
-    return Network("relative", tuple(layers))
+    return PolicyNetwork("relative", tuple(layers))
 
 
-def fitting(seed: int = 0) -> Network:
+def fitting(seed: int = 0) -> PolicyNetwork:
     """Return a network for vehicles on a grid."""
     system = scene_from_spec(SPEC).system
     return network(relative_layout(system).length, 8, 8, system.move_slots + 1, seed=seed)
@@ -64,7 +64,7 @@ def test_a_network_chooses_the_same_alone_and_in_batches(deterministic: bool) ->
 def test_actions_are_drawn_by_their_probabilities() -> None:
     """Of many draws, evenly spread, each legal action gets its share, and no other gets any."""
     weights = Layer(np.zeros((1, 4)), np.log([1.0, 2.0, 3.0, 2.0]), "none")
-    rule = network_rule("network", Network("absolute", (weights,)), deterministic=False)
+    rule = network_rule("network", PolicyNetwork("absolute", (weights,)), deterministic=False)
     # What the rule asks, which takes the draws that it is given.
     held: list[Any] = [cell.cell_contents for cell in rule.make.__closure__ or ()]
     (ask,) = [each for each in held if getattr(each, "__name__", "") == "choose"]

@@ -8,8 +8,7 @@ from statistics import mean
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import Played
+from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.pibt import PIBT, PushNote, patience
@@ -28,7 +27,7 @@ def path(size: int) -> list[tuple[int, int]]:
     return [(vertex - 1, vertex) for vertex in range(1, size)]
 
 
-def run(scene: Scene, *, seed: int = 0, hesitate: float = 0.0, max_rounds: int = 1000) -> Played:
+def run(scene: Scene, *, seed: int = 0, hesitate: float = 0.0, max_rounds: int = 1000) -> Rollout:
     return play(scene, PIBT, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
 
 
@@ -47,11 +46,7 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, hesitate: float) ->
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "vehicles"),
-    [
-        ("K5", 4),
-        ("grid4x4", 6),
-        pytest.param("grid8x8", 12, marks=pytest.mark.thorough),
-    ],
+    [("K5", 4), ("grid4x4", 6), pytest.param("grid8x8", 12, marks=pytest.mark.thorough)],
 )
 def test_nobody_gives_up_in_runs_that_reach(graph: str, vehicles: int) -> None:
     """Many seeds where there is room: nobody runs out of patience."""

@@ -12,9 +12,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.agents.environments.making import parallel_env
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import play_in_python
-from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.environments.rollouts import play, play_in_python, play_many
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.locality.check import check_rule
 from cubepath.agents.rules.policy import policy_rule

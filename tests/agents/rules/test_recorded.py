@@ -7,7 +7,7 @@ import pytest
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.arbitration import priority, seed_in
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.schedule import Recorded, RecordedChoice, as_recorded
+from cubepath.agents.rules.schedule import RecordedChoice, RecordedChoices, as_recorded
 from cubepath.coordinator.verification.parameters import RECORDED as IN_RECORDINGS
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import RuleError
@@ -26,7 +26,7 @@ def test_it_claims_and_notes_what_is_on_record_round_by_round() -> None:
         RecordedChoice(None, [2], "no way"),
         RecordedChoice(FAR, [3]),
     ]
-    told = Recorded({0: chosen}, note_length=1)
+    told = RecordedChoices({0: chosen}, note_length=1)
     rule = as_recorded(told)
     assert rule.name == IN_RECORDINGS
     world = World(scene, seed=0, note_length=1)

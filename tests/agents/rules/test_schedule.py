@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import Played
+from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.rules.actor import Actor, actors_for
@@ -25,7 +24,7 @@ from cubepath.protocol.wire.messages import Note
 Own = dict[int, OwnMoves]
 
 
-def made(played: Played) -> list[tuple[int, int, Site]]:
+def made(played: Rollout) -> list[tuple[int, int, Site]]:
     """Return round, module and place of each move that was made."""
     return [(each.number, m, move.at) for each in played.rounds for m, move in each.moves.items()]
 

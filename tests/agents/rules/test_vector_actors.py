@@ -21,11 +21,11 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.vector_actors import vector_actors_for
 from cubepath.agents.rules.vector_rule import (
-    Chosen,
-    GaveUp,
-    Seen,
+    RuleFailure,
+    VectorChoice,
     VectorKnowledge,
     VectorRule,
+    VectorView,
 )
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Move
@@ -144,9 +144,7 @@ def chain_scenes(draw: st.DrawFn) -> Scene:
     cells = st.sampled_from([*goals * 4, *sorted(lines)])
     start = draw(st.lists(cells, min_size=count, max_size=count, unique=True))
     system = hexagons(
-        keeps_topology=draw(st.booleans()),
-        backwards=draw(st.booleans()),
-        walls=draw(st.booleans()),
+        keeps_topology=draw(st.booleans()), backwards=draw(st.booleans()), walls=draw(st.booleans())
     )
     assume(all(map(system.has_place, [*goals, *start])))
     return given_scene(start, goals, system)
@@ -155,8 +153,7 @@ def chain_scenes(draw: st.DrawFn) -> Scene:
 NEAR = [(q, r) for q in range(-2, 3) for r in range(-2, 3) if (q, r) != (0, 0) and abs(q + r) <= 2]
 """The cells within two of a hexagon."""
 CROWDS = st.one_of(
-    st.integers(0, 2**18 - 1),
-    st.sampled_from([1 << NEAR.index(each) for each in HEX_DIRECTIONS]),
+    st.integers(0, 2**18 - 1), st.sampled_from([1 << NEAR.index(each) for each in HEX_DIRECTIONS])
 )
 """Which of these are on, as bits: any, or one that touches."""
 
@@ -255,7 +252,7 @@ def test_segments_choose_the_same_anywhere(goals: list[Cell], data: st.DataObjec
 
 
 def vectorised(
-    act: Callable[[Seen, Chosen], Iterable[GaveUp]],
+    act: Callable[[VectorView, VectorChoice], Iterable[RuleFailure]],
 ) -> Callable[[VectorKnowledge], VectorRule]:
     """Return what makes this function the vectorised form of a rule."""
     return lambda _: act
@@ -280,14 +277,14 @@ def counting_vectorised(knowledge: VectorKnowledge) -> VectorRule:
     asked = np.zeros(knowledge.environments, np.int64)
     modules = np.arange(knowledge.modules)
 
-    def choose(seen: Seen, chosen: Chosen) -> list[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> list[RuleFailure]:
         asked[seen.playing] += 1
         heard = np.where(seen.notes == SILENT, 0, seen.notes)[..., 0].max(axis=2, initial=0)
         speaks = (asked[:, np.newaxis] % 3 == modules % 3) & seen.playing[:, np.newaxis]
         said = np.stack(np.broadcast_arrays(asked[:, np.newaxis], heard), axis=2)
         chosen.notes[speaks] = said[speaks]
         tired = (asked[:, np.newaxis] == 5 + modules) & seen.playing[:, np.newaxis]
-        return [GaveUp(e, m, "tired\nof it") for e, m in np.argwhere(tired).tolist()]
+        return [RuleFailure(e, m, "tired\nof it") for e, m in np.argwhere(tired).tolist()]
 
     return choose
 
@@ -344,7 +341,7 @@ def test_slots_of_another_order_are_left_to_actors() -> None:
 def test_a_rule_that_fails_is_named(act: str) -> None:
     """With the module and its legal actions, or with the error in one line."""
 
-    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
         if act == "raises":
             raise ValueError("first\nsecond")
         if act == "silent":

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan

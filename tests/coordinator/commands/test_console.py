@@ -89,8 +89,7 @@ def test_a_run_with_all_streams_closed_writes_its_recording(tmp_path: Path) -> N
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
-    ("encoding", "name"),
-    [("ascii", "\\u540d"), ("latin-1", "\\u540d"), ("utf-8:strict", "名")],
+    ("encoding", "name"), [("ascii", "\\u540d"), ("latin-1", "\\u540d"), ("utf-8:strict", "名")]
 )
 def test_what_standard_output_cannot_encode_is_escaped(
     encoding: str, name: str, tmp_path: Path

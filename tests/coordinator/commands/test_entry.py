@@ -26,10 +26,7 @@ class Interrupting:
     """Stands before all that finds modules, and is interrupted while the command is imported."""
 
     def find_spec(
-        self,
-        name: str,
-        _path: Sequence[str] | None,
-        _target: ModuleType | None = None,
+        self, name: str, _path: Sequence[str] | None, _target: ModuleType | None = None
     ) -> None:
         """Raise KeyboardInterrupt where the command is looked for."""
         if name == MAIN:
@@ -55,10 +52,7 @@ class Signalling:
         self.went_on = False
 
     def find_spec(
-        self,
-        name: str,
-        _path: Sequence[str] | None,
-        _target: ModuleType | None = None,
+        self, name: str, _path: Sequence[str] | None, _target: ModuleType | None = None
     ) -> None:
         """Send the signal where the module is looked for."""
         if name == self._module and not self.went_on:

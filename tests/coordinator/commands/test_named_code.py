@@ -245,10 +245,7 @@ def test_choices_are_checked_with_a_file_that_you_give(
     [
         ("verify 0.mcap --rule nosuch.py:MINE", "nosuch.py: no such file, expected FILE.py:NAME"),
         ("verify 0.mcap --rule random", "rule 'random': expected FILE.py:NAME of a rule in a file"),
-        (
-            "verify 0.mcap --rule canary.py:YOURS",
-            "no recording names a rule YOURS in a file",
-        ),
+        ("verify 0.mcap --rule canary.py:YOURS", "no recording names a rule YOURS in a file"),
         ("verify named.mcap --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),
         ("log recover named.mcap --rule canary.py:MINE -o new.mcap", "no recording names a rule"),
         ("verify parts-of --rule canary.py:MINE", "--rule canary.py:MINE: no recording names a"),

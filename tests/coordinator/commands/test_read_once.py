@@ -289,9 +289,7 @@ def test_running_reads_once(folder: Path, processes: int) -> None:
 def test_a_complex_reads_its_system_once(folder: Path) -> None:
     """Built, and written to files."""
     opened_once(
-        folder,
-        ("complex", "grid.toml", "--homology"),
-        ("complex", "grid.toml", "-o", "out.json"),
+        folder, ("complex", "grid.toml", "--homology"), ("complex", "grid.toml", "-o", "out.json")
     )
 
 

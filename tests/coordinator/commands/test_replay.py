@@ -181,10 +181,7 @@ def test_a_quit_leaves_the_terminal_as_it_was() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hangup", [False, True])
-def test_a_terminal_that_is_closed_ends_it_or_leaves_it_alone(
-    hangup: bool,
-    tmp_path: Path,
-) -> None:
+def test_a_terminal_that_is_closed_ends_it_or_leaves_it_alone(hangup: bool, tmp_path: Path) -> None:
     """By SIGHUP in order, exit code 130, nothing left behind; it plays on to the end if ignored."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL if hangup else signal.SIG_IGN)
     try:

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.environments.rollout import play_in_python
-from cubepath.agents.environments.rollouts import PlayedMany, play_many
+from cubepath.agents.environments.rollouts import Rollouts, play_in_python, play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments import compiled_core
 from cubepath.coordinator.experiments.playing import play_batch
@@ -42,7 +41,7 @@ def in_arrays(system: str, rule: str, **given: Any) -> list[FinishedRun]:
     """Play the runs of one setting side by side in arrays, however few they are."""
     played: list[int] = []
 
-    def noted(*args: Any, **more: Any) -> PlayedMany:
+    def noted(*args: Any, **more: Any) -> Rollouts:
         played.append(len(args[2]))
         return play_many(*args, **more)
 
@@ -121,7 +120,7 @@ def test_many_small_runs_come_to_compiled_code(monkeypatch: pytest.MonkeyPatch) 
     plain = runs("hex:n=4", "chain", seeds=tuple(range(60)))
     sizes: list[int] = []
 
-    def noted(*args: Any, **more: Any) -> PlayedMany:
+    def noted(*args: Any, **more: Any) -> Rollouts:
         sizes.append(len(args[2]))
         return play_many(*args, **more)
 

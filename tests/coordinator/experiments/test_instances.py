@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import play_in_python
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard

@@ -13,13 +13,14 @@ import pytest
 import tomli_w
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.experiments.ranges import expanded, seeds_of
 from cubepath.coordinator.experiments.setting import (
     FaultRates,
     RunBatch,
     RunSetting,
+    expanded,
     run_id,
     scene_hash,
+    seeds_of,
 )
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError

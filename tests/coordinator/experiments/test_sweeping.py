@@ -203,9 +203,7 @@ def test_rules_from_elsewhere_are_played_apart(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_run_that_cannot_be_interrupted_ends_with_its_process(
-    tmp_path: Path,
-) -> None:
+def test_a_run_that_cannot_be_interrupted_ends_with_its_process(tmp_path: Path) -> None:
     """As in a loop of compiled code; all others are played."""
     rule = mine(tmp_path, ENDLESS.format("any(iter(int, 1))"))
     found = sweep("hex:n=4..5", rules=[rule], seeds=1, max_rounds=5, timeout_s=0.5)

@@ -13,10 +13,7 @@ from hypothesis import assume, given, settings, strategies as st
 from msgspec.structs import replace
 
 from counted_lines import lines_of
-from cubepath.coordinator.normal_form.certificate import (
-    certificate_of,
-    link,
-)
+from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof

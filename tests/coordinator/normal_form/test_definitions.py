@@ -35,13 +35,7 @@ def test_a_normal_path_that_is_disturbed_is_found_out() -> None:
     one, far = edge(0, 1), edge(5, 6)
     assert is_normal([])
     assert is_normal([[one, far], [edge(1, 2)]])
-    disturbed: list[list[Word]] = [
-        [[one, one]],
-        [[]],
-        [[one], []],
-        [[one], [far]],
-        [[one], [one]],
-    ]
+    disturbed: list[list[Word]] = [[[one, one]], [[]], [[one], []], [[one], [far]], [[one], [one]]]
     for bad in disturbed:
         assert not is_normal(bad), bad
 

@@ -148,10 +148,7 @@ def test_a_walk_of_a_system_becomes_its_normal_cube_path(
     assert is_normal(cubes)
     assert class_key(flat(cubes)) == class_key(word)
     assert as_sets(cubes) == obvious_normal_form(word)
-    for other in (
-        data.draw(linear_extensions(word)),
-        data.draw(walks_with_detours(spec, word)),
-    ):
+    for other in (data.draw(linear_extensions(word)), data.draw(walks_with_detours(spec, word))):
         assert end_state(other, start) == end_state(word, start)
         assert path_of(make, other) == cubes
 
@@ -282,11 +279,7 @@ def test_equal_moves_keep_their_own_labels(make: Make) -> None:
     """Where equal actions come again under other ids, each cube shows the id that came there."""
     back = edge(1, 2)
     first, second = (Action([0, 1], [0, 1], [0], [1], label=label) for label in ("m1", "m3"))
-    assert [cube[0].label for cube in path_of(make, [first, back, second])] == [
-        "m1",
-        "1-2",
-        "m3",
-    ]
+    assert [cube[0].label for cube in path_of(make, [first, back, second])] == ["m1", "1-2", "m3"]
 
 
 @pytest.mark.parametrize("seed", range(20))

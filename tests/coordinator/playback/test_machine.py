@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.playback.machine import (
-    AllPlayed,
     Machine,
+    PlaybackEnd,
     PositionJump,
     PutMessage,
     WaitForOrder,
@@ -22,7 +22,7 @@ from cubepath.coordinator.playback.selection import PlayedMessages
 from cubepath.coordinator.playback.timeline import Timeline, read_pace, read_spot
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from processes.command_line import GOLDEN
 from samples.recordings import with_records
 
@@ -52,7 +52,7 @@ class Driven:
                     if due is None or due > now:
                         break
                     self.now = due
-                case AllPlayed():
+                case PlaybackEnd():
                     break
         self.now = max(self.now, now)
         return self

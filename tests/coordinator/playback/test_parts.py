@@ -29,10 +29,7 @@ FREE = GOLDEN / "hex-free-5.mcap"
 
 
 def cut(
-    source: Path,
-    first: int | None = None,
-    until: int | None = None,
-    exclude: tuple[str, ...] = (),
+    source: Path, first: int | None = None, until: int | None = None, exclude: tuple[str, ...] = ()
 ) -> Path:
     """Return what is left of a golden recording."""
     filter_recording(source, out := new_path(), first=first, until=until, exclude=exclude)

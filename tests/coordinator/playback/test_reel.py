@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings import recording as recording_module
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
 from processes.command_line import GOLDEN
@@ -85,9 +85,7 @@ def test_places_are_those_found_by_reading_all(
     assert [record for _, record in reel.backward(reel.end)] == records[::-1]
 
 
-def test_a_place_is_found_without_reading_what_lies_before(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_place_is_found_without_reading_what_lies_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of thirty chunks a round takes one, and a time no more than halving takes."""
     reel = Timeline(timed([(number, 1) for number in range(210)]))
     read: list[int] = []

@@ -7,7 +7,7 @@ import pytest
 from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from processes.command_line import GOLDEN
 from samples.recordings import recorded
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pytest
 
-from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.runs.conductor import Conductor, RunEnd
 from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
@@ -72,7 +72,7 @@ class Run:
         self.site = site
         self.conductor.hear(Reports(number, 0, [report]))
 
-    def between(self, number: int) -> Ending | None:
+    def between(self, number: int) -> RunEnd | None:
         """Ask how the run has ended after a round."""
 
         def end_schedule() -> None:
@@ -84,15 +84,15 @@ class Run:
 @pytest.mark.parametrize(
     ("start", "assignment", "ending"),
     [
-        (2, None, Ending("goal")),
+        (2, None, RunEnd("goal")),
         (0, None, None),
-        (2, assigned(), Ending("goal")),
+        (2, assigned(), RunEnd("goal")),
         (0, assigned(), None),
         (2, assigned(FURTHER), None),
     ],
 )
 def test_a_run_is_over_before_it_begins_only_at_the_goal_and_without_a_schedule(
-    start: int, assignment: Assignment | None, ending: Ending | None
+    start: int, assignment: Assignment | None, ending: RunEnd | None
 ) -> None:
     """A schedule is carried out even if it begins at the goal; one without cubes is done."""
     assert Run(scene(start), assignment).conductor.before() == ending
@@ -100,7 +100,7 @@ def test_a_run_is_over_before_it_begins_only_at_the_goal_and_without_a_schedule(
 
 def test_it_ends_at_the_goal_or_after_the_last_round() -> None:
     """The goal counts also in the last round; each round goes on record."""
-    for rounds, ending in ((1, Ending("max-rounds")), (2, Ending("goal")), (3, Ending("goal"))):
+    for rounds, ending in ((1, RunEnd("max-rounds")), (2, RunEnd("goal")), (3, RunEnd("goal"))):
         run = Run(scene(), max_rounds=rounds)
         assert run.between(0) is None
         for number, move in enumerate((THERE, FURTHER)[:rounds], 1):
@@ -118,14 +118,14 @@ def test_a_round_that_not_all_have_reported_fails_the_run() -> None:
     run = Run(scene())
     run.conductor.hear(Ready(1, 0, "settle"))
     line = "round 1 ended, but not all modules have reported it"
-    assert run.between(1) == Ending("failed", line)
+    assert run.between(1) == RunEnd("failed", line)
 
 
 def test_a_module_that_gives_up_fails_the_run() -> None:
     """Its line is that of the run."""
     run = Run(scene())
     run.hear(1, 0, None, "no way")
-    assert run.between(1) == Ending("failed", "module_0: no way")
+    assert run.between(1) == RunEnd("failed", "module_0: no way")
 
 
 def test_a_schedule_is_carried_out_past_the_goal_and_its_end_decides() -> None:
@@ -137,11 +137,11 @@ def test_a_schedule_is_carried_out_past_the_goal_and_its_end_decides() -> None:
         assert run.between(number) is None
     assert run.conductor.stopped is None
     run.hear(3, 2, None)
-    assert run.between(3) == Ending("max-rounds")
+    assert run.between(3) == RunEnd("max-rounds")
     assert run.ended == 0
 
 
-def _stopped(*, repair: bool, goal: int = 2) -> tuple[Run, Ending | None]:
+def _stopped(*, repair: bool, goal: int = 2) -> tuple[Run, RunEnd | None]:
     """Return a run whose schedule stopped in its first round, and how it ended then."""
     run = Run(scene(goal=goal), assigned(THERE, FURTHER), repair=repair)
     run.hear(1, 0, None, "an obstacle")
@@ -155,25 +155,25 @@ STOPPED_LINE = "the schedule stopped at round 1: module_0: an obstacle"
 def test_a_schedule_that_stops_fails_the_run_unless_it_is_repaired() -> None:
     """With repair the modules are told once to follow their rule, and the run goes on."""
     run, ending = _stopped(repair=False)
-    assert (ending, run.ended) == (Ending("failed", STOPPED_LINE), 0)
+    assert (ending, run.ended) == (RunEnd("failed", STOPPED_LINE), 0)
     run, ending = _stopped(repair=True)
     assert (ending, run.ended, run.conductor.stopped) == (None, 1, STOPPED)
     run.hear(2, 1, THERE)
     assert run.between(2) is None
     run.hear(3, 2, FURTHER)
-    assert (run.between(3), run.ended) == (Ending("goal"), 1)
+    assert (run.between(3), run.ended) == (RunEnd("goal"), 1)
     run, ending = _stopped(repair=True, goal=0)
-    assert (ending, run.ended) == (Ending("goal"), 0)
+    assert (ending, run.ended) == (RunEnd("goal"), 0)
 
 
 def test_a_rule_that_gives_up_after_its_schedule_has_stopped_tells_both() -> None:
     """In one line, the schedule first."""
     run, _ = _stopped(repair=True)
     run.hear(2, 0, None, "no way")
-    assert run.between(2) == Ending("failed", f"{STOPPED_LINE}; then module_0: no way")
+    assert run.between(2) == RunEnd("failed", f"{STOPPED_LINE}; then module_0: no way")
 
 
-def results(run: Run, ending: Ending) -> tuple[Sequence[Message], Summary]:
+def results(run: Run, ending: RunEnd) -> tuple[Sequence[Message], Summary]:
     """Return what came of a run before its summary, and that."""
     *found, summary = run.conductor.results(ending)
     assert isinstance(summary, Summary)
@@ -185,7 +185,7 @@ def test_the_results_are_cubes_their_certificate_and_a_summary() -> None:
     run = Run(scene(goal=3))
     for number, (site, move) in enumerate([(1, THERE), (0, THERE), (1, THERE), (2, FURTHER)], 1):
         run.hear(number, site, move)
-    (one, other, proof), summary = results(run, Ending("interrupted"))
+    (one, other, proof), summary = results(run, RunEnd("interrupted"))
     assert [one, other] == [Cube(4, 1, [THERE]), Cube(4, 2, [FURTHER])]
     assert isinstance(proof, Certified)
     assert proof.round == 4

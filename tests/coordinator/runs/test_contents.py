@@ -16,7 +16,7 @@ from msgspec import structs
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode

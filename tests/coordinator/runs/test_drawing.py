@@ -16,7 +16,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.rendering.pictures import colours, extent
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures, schedule_chart as chart_of

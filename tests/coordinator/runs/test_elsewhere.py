@@ -179,11 +179,7 @@ def test_who_leaves_before_the_beginning_is_waited_for_again(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("number", "code"),
-    [
-        (signal.SIGKILL, -signal.SIGKILL),
-        (signal.SIGINT, 130),
-    ],
+    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
 )
 def test_a_joined_process_that_ends_ends_the_run(
     commands: Commands, number: signal.Signals, code: int

@@ -85,13 +85,7 @@ def test_rates_that_no_film_can_have(tmp_path: Path, rate: float) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    "spec",
-    [
-        "hex:n=30,bend=0",
-        "agv:graph=grid20x20,n=27",
-    ],
-)
+@pytest.mark.parametrize("spec", ["hex:n=30,bend=0", "agv:graph=grid20x20,n=27"])
 def test_modules_have_their_colours_in_every_frame(tmp_path: Path, spec: str) -> None:
     """Neither the number of colours of a film nor what else is in a frame changes them."""
     scene, rounds, _ = random_run(spec, 3)

@@ -17,7 +17,7 @@ import pytest
 from msgspec import structs
 
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.runs import free_driver
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_driver import FreeDriver

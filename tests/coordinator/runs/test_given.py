@@ -8,9 +8,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.environments.rollouts import play, play_free, play_many
 from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start

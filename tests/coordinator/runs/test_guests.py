@@ -78,9 +78,7 @@ def guest(
     """Start a guest in a process of its own."""
     code = GUEST.format(do=do, slow=slow)
     child = subprocess.Popen(
-        [sys.executable, "-c", code, fleet.endpoint],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
+        [sys.executable, "-c", code, fleet.endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     try:
         yield child

@@ -45,9 +45,7 @@ launch.run(plan, watch=lambda gathered: print("round", gathered.rounds, flush=Tr
 def running(path: Path, clock: str, processes: int) -> Generator[subprocess.Popen[str]]:
     """Start a run that says what it does; leave nothing of it."""
     with subprocess.Popen(
-        [sys.executable, "-c", TOLD, path, clock, str(processes)],
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", TOLD, path, clock, str(processes)], stdout=subprocess.PIPE, text=True
     ) as child:
         try:
             yield child

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
@@ -63,12 +63,7 @@ KEYS = [
 def cubepath(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own."""
     return subprocess.run(
-        [*PYTHON, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-        **keywords,
+        [*PYTHON, *arguments], capture_output=True, text=True, timeout=100, check=False, **keywords
     )
 
 
@@ -144,10 +139,7 @@ def test_a_thousand_modules_reach_their_goal(tmp_path: Path) -> None:
     scene = scene_from_spec("agv:graph=grid50x40,n=1000")
     start, goals = ([(x + step, y) for x in range(25) for y in range(40)] for step in (0, 1))
     scene = replace(
-        scene,
-        start=tuple(start),
-        goal=frozenset(goals),
-        goals=tuple((each,) for each in goals),
+        scene, start=tuple(start), goal=frozenset(goals), goals=tuple((each,) for each in goals)
     )
     path = tmp_path / "crowd.toml"
     path.write_text(scene_to_toml(scene))

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.coordinator.testing.wire_messages import WireMessage

@@ -263,10 +263,7 @@ def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
 @pytest.mark.parametrize(
     ("report", "why"),
     [
-        (
-            Report(1, 1, 5, 5, "lost", None, {}),
-            "report of module_1 from 5: it is at 2",
-        ),
+        (Report(1, 1, 5, 5, "lost", None, {}), "report of module_1 from 5: it is at 2"),
         (
             Report(1, 1, 2, 2, "granted", None, {}),
             "report of module_1: a claim that is granted, and a move None",
@@ -284,10 +281,7 @@ def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
             Report(1, 1, 2, 1, "lost", None, {}),
             "report of module_1: it ends at 1, where nothing takes it",
         ),
-        (
-            moves(1, edge(4), 5),
-            "report of module_1: edge at [4,5] is no move from 2",
-        ),
+        (moves(1, edge(4), 5), "report of module_1: edge at [4,5] is no move from 2"),
         (
             moves(1, GeneratorPlacement("leap", 0), 5),
             "report of module_1: leap at 0 is no move from 2",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main

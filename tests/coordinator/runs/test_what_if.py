@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from cubepath.agents.environments.world import World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.outcome import Outcome

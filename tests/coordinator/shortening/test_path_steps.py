@@ -111,11 +111,7 @@ def test_moves_of_lattice_cells_stand_for_themselves(tmp_path: Path) -> None:
         (CUBES, None, ": a cubes file, which does not say where modules start: expected --system"),
         ([{"moves": ["a"]}], GRID, ': cube 1: move "a" is named by an id, expected generator and'),
         ([*CUBES, {"moves": [NOBODY]}], GRID, ": cube 3: edge at .* is not admissible"),
-        (
-            [{"moves": [CROSSING[0], CROSSING[0]]}],
-            GRID,
-            ": cube 1: its moves do not commute",
-        ),
+        ([{"moves": [CROSSING[0], CROSSING[0]]}], GRID, ": cube 1: its moves do not commute"),
         ([{"moves": [{"generator": "x", "at": 1}]}], GRID, ": cube 1: unknown generator 'x'"),
         ([*CUBES, {"moves": 1}], GRID, ":3: Expected `array`, got `int`"),
         (CUBES, "hex-connected", "hex-connected: not a local system"),

@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.environments.rollouts import play, play_free, play_many
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.shortening.normal_path import shorten

@@ -23,7 +23,12 @@ from cubepath.coordinator.simulation.scenarios import (
     ScenarioOptions,
     free_scenario_of,
 )
-from cubepath.coordinator.simulation.swarm import WITHOUT_ROUNDS, Free, Tally, simulate_seeds
+from cubepath.coordinator.simulation.swarm import (
+    WITHOUT_ROUNDS,
+    FreeSwarm,
+    SeedTally,
+    simulate_seeds,
+)
 from exploration.planted_keepers import PLANTED
 from marked import some
 
@@ -95,7 +100,7 @@ def test_a_keeper_with_its_journal_in_a_file_comes_back_from_it() -> None:
 @pytest.mark.slow
 def test_a_seed_is_the_same_run_each_time() -> None:
     """With every message at the same time."""
-    simulator = Free()
+    simulator = FreeSwarm()
     traces = []
     for _ in range(2):
         scenario = free_scenario_of(3, WITHOUT_ROUNDS)
@@ -108,8 +113,8 @@ def test_a_seed_is_the_same_run_each_time() -> None:
 @pytest.mark.slow
 def test_a_seed_is_its_scenario_and_the_faults_that_fired() -> None:
     """What happened can be listed, and then happens again."""
-    found = Free().run_of(5)
-    again = Free().play(5, found.scenario, ListedFaults(found.fired))
+    found = FreeSwarm().run_of(5)
+    again = FreeSwarm().play(5, found.scenario, ListedFaults(found.fired))
     assert again == found
     assert found.fired
 
@@ -117,7 +122,7 @@ def test_a_seed_is_its_scenario_and_the_faults_that_fired() -> None:
 @pytest.mark.slow
 def test_ten_seeds_hold() -> None:
     """And most kinds of faults happen in them."""
-    runs = [Free().run_of(seed) for seed in range(10)]
+    runs = [FreeSwarm().run_of(seed) for seed in range(10)]
     assert [run.failure for run in runs] == [None] * 10
     kinds = Counter(fault.kind for run in runs for fault in run.fired)
     assert len(kinds) >= len(FREE_KINDS) - 6
@@ -129,7 +134,7 @@ def test_a_hundred_seeds_hold() -> None:
     """All kinds of faults happen in them, and all rules."""
     kinds, rules = Counter[str](), Counter[str]()
     for seed in range(100):
-        run = Free().run_of(seed)
+        run = FreeSwarm().run_of(seed)
         assert run.failure is None, (seed, run.failure)
         kinds.update(fault.kind for fault in run.fired)
         rules[run.scenario.rule] += 1
@@ -148,7 +153,7 @@ def test_a_hundred_seeds_hold() -> None:
 )
 def test_a_broken_keeper_is_found(bug: str) -> None:
     """Within few seeds of one rule."""
-    planted = Free(ScenarioOptions(rule="random", clock="free"), PLANTED[bug])
+    planted = FreeSwarm(ScenarioOptions(rule="random", clock="free"), PLANTED[bug])
     assert any(planted.run_of(seed).failure is not None for seed in range(60))
 
 
@@ -156,7 +161,7 @@ def test_a_broken_keeper_is_found(bug: str) -> None:
 @pytest.mark.timeout(1200)
 def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
     """Within some hundreds of seeds, of which the first hundred do not show it."""
-    planted = Free(ScenarioOptions(rule="random", clock="free"), PLANTED["forgets fences"])
+    planted = FreeSwarm(ScenarioOptions(rule="random", clock="free"), PLANTED["forgets fences"])
     assert any(planted.run_of(seed).failure is not None for seed in range(100, 600))
 
 
@@ -165,7 +170,7 @@ def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
 def test_a_keeper_that_locks_no_guards_is_found() -> None:
     """With a rule that has guards without need."""
     asked = ScenarioOptions("agv:graph=grid2x9,n=6", RESTLESS, clock="free")
-    planted = Free(asked, PLANTED["locks no guards"])
+    planted = FreeSwarm(asked, PLANTED["locks no guards"])
     assert any(planted.run_of(seed).failure is not None for seed in range(300))
 
 
@@ -174,17 +179,17 @@ def test_a_keeper_that_locks_no_guards_is_found() -> None:
 @pytest.mark.parametrize("system", ["agv:graph=grid2x9,n=6", "hex"])
 def test_registers_and_exchanges_hold(system: str) -> None:
     """With a rule that writes registers, heeds them and exchanges them at random."""
-    restless = Free(ScenarioOptions(system, RESTLESS, clock="free"))
+    restless = FreeSwarm(ScenarioOptions(system, RESTLESS, clock="free"))
     assert [restless.run_of(seed).failure for seed in range(6)] == [None] * 6
 
 
 @pytest.mark.thorough
 def test_a_broken_keeper_is_found_with_few_faults_left(tmp_path: Path) -> None:
     """What is left of a failing seed fails in the same way; its messages are drawn."""
-    planted = Free(ScenarioOptions("hex", "random", clock="free"), PLANTED["counts no reads"])
+    planted = FreeSwarm(ScenarioOptions("hex", "random", clock="free"), PLANTED["counts no reads"])
     seed = next(seed for seed in range(20) if planted.run_of(seed).failure is not None)
     folder = tmp_path / "new"
-    (kept,) = simulate_seeds([seed], folder, Tally(planted))
+    (kept,) = simulate_seeds([seed], folder, SeedTally(planted))
     assert kept is not None
     assert kept.kind == "level"
     assert kept.modules <= 5

@@ -14,7 +14,7 @@ from cubepath.coordinator.simulation.faults import LIES, SAYS, DrawnFaults, Faul
 from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Scenario, ScenarioOptions
 from cubepath.coordinator.simulation.simulated import LIE, SimulatedRun, simulate
-from cubepath.coordinator.simulation.swarm import Lockstep
+from cubepath.coordinator.simulation.swarm import LockstepSwarm
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Here, Refused, Said, decode, encode
@@ -156,7 +156,7 @@ def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
 @pytest.mark.slow
 def test_lies_are_listed_and_shown() -> None:
     """The list of faults gives the same run; the picture has a remark."""
-    first = Lockstep(LYING).run_of(4)
+    first = LockstepSwarm(LYING).run_of(4)
     assert any(fault.kind in LIES for fault in first.fired)
     trace = Trace()
     again = simulate(first.scenario, ListedFaults(first.fired), fault_seed=4, trace=trace)
@@ -168,7 +168,7 @@ def test_lies_are_listed_and_shown() -> None:
 @pytest.mark.parametrize("seed", [3, 7, 11])
 def test_without_lies_a_seed_is_what_it_was(seed: int) -> None:
     """Liars are drawn apart: until the first lie both runs are the same."""
-    plain, lying = Lockstep().run_of(seed), Lockstep(LYING).run_of(seed)
+    plain, lying = LockstepSwarm().run_of(seed), LockstepSwarm(LYING).run_of(seed)
     assert plain.scenario == lying.scenario
     if not any(fault.kind in LIES for fault in lying.fired):
         assert plain.recording.records == lying.recording.records
@@ -193,7 +193,7 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
 @pytest.mark.slow
 def test_some_seeds_with_liars_hold() -> None:
     """No honest process dies or is accused, and each path is verified."""
-    runs = [Lockstep(LYING).run_of(seed) for seed in range(30)]
+    runs = [LockstepSwarm(LYING).run_of(seed) for seed in range(30)]
     assert [run.failure for run in runs if run.failure] == []
     assert sum(run.outcome == LIE for run in runs) > 5
 
@@ -203,7 +203,7 @@ def test_a_hundred_and_fifty_seeds_with_liars_hold() -> None:
     """As above; each kind of lie is told."""
     told: Counter[str] = Counter()
     for seed in range(2000, 2150):
-        found = Lockstep(LYING).run_of(seed)
+        found = LockstepSwarm(LYING).run_of(seed)
         assert found.failure is None, (seed, found.failure)
         told.update(fault.kind for fault in found.fired if fault.kind in LIES)
     assert told.keys() >= set(LIES) - {"lie-verdict", "lie-note"}

@@ -16,7 +16,7 @@ from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, List
 from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, simulate
-from cubepath.coordinator.simulation.swarm import Lockstep
+from cubepath.coordinator.simulation.swarm import LockstepSwarm
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
@@ -108,7 +108,7 @@ def test_a_stall_of_a_process_ends_the_run_by_patience() -> None:
 @pytest.mark.parametrize("seed", [3, 7])
 def test_the_same_seed_gives_the_same_trace_and_recording(seed: int) -> None:
     """Bit for bit, and also from the list of the faults that happened."""
-    first, again = Lockstep().run_of(seed), Lockstep().run_of(seed)
+    first, again = LockstepSwarm().run_of(seed), LockstepSwarm().run_of(seed)
     assert first.fired == again.fired
     assert first.recording.records == again.recording.records
     traces = [Trace(), Trace()]
@@ -120,7 +120,7 @@ def test_the_same_seed_gives_the_same_trace_and_recording(seed: int) -> None:
 
 def test_some_seeds_hold() -> None:
     """A quick handful: no failure, and most reach their end."""
-    outcomes = Counter(Lockstep().run_of(seed).outcome for seed in range(6))
+    outcomes = Counter(LockstepSwarm().run_of(seed).outcome for seed in range(6))
     assert not outcomes["failure"]
     assert outcomes["goal"] + outcomes["max-rounds"] >= 4
 
@@ -132,7 +132,7 @@ def test_three_hundred_seeds_hold() -> None:
     fired: Counter[str] = Counter()
     failures = []
     for seed in range(1000, 1300):
-        found = Lockstep().run_of(seed)
+        found = LockstepSwarm().run_of(seed)
         outcomes[found.outcome] += 1
         fired.update(fault.kind for fault in found.fired)
         if found.failure is not None:
@@ -149,11 +149,7 @@ LOST = Fault("process_1 down", 2, "loss")
 
 @pytest.mark.parametrize(
     ("make", "faults", "kind"),
-    [
-        (Faultless, (), None),
-        (TakesDoubles, (), None),
-        (IsDeaf, (), "ended"),
-    ],
+    [(Faultless, (), None), (TakesDoubles, (), None), (IsDeaf, (), "ended")],
 )
 def test_a_planted_bug_shows_only_where_it_matters(
     make: MakeNode, faults: tuple[Fault, ...], kind: str | None
@@ -189,7 +185,7 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
 )
 def test_a_planted_bug_is_found(make: MakeNode, kinds: set[str]) -> None:
     """Within some tens of seeds, with the check or the error that it breaks."""
-    found = (Lockstep(make=make).run_of(seed).failure for seed in range(60))
+    found = (LockstepSwarm(make=make).run_of(seed).failure for seed in range(60))
     first = next(failure for failure in found if failure is not None)
     assert first.kind in kinds, first
 

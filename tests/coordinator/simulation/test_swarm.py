@@ -15,8 +15,8 @@ from cubepath.coordinator.simulation.swarm import (
     OUTCOMES,
     WITHOUT_ROUNDS,
     KeptRun,
-    Lockstep,
-    Tally,
+    LockstepSwarm,
+    SeedTally,
     command_of,
     label,
     simulate_seeds,
@@ -35,14 +35,14 @@ LINES = ScenarioOptions("hex", "chain")
 @cache
 def first_failing(make: type[TakesDoubles | Raises], asked: ScenarioOptions = LINES) -> int:
     """Return the first seed that fails with a planted bug."""
-    planted = Lockstep(asked, make)
+    planted = LockstepSwarm(asked, make)
     return next(seed for seed in range(100) if planted.run_of(seed).failure is not None)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[KeptRun, Tally, list[int]]:
+def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[KeptRun, SeedTally, list[int]]:
     """Return what is kept of a planted bug, what was counted, and the seeds that were shrunk."""
-    tally, shrinking = Tally(Lockstep(LINES, TakesDoubles)), list[int]()
+    tally, shrinking = SeedTally(LockstepSwarm(LINES, TakesDoubles)), list[int]()
     (found,) = simulate_seeds(
         [first_failing(TakesDoubles)],
         tmp_path_factory.mktemp("kept"),
@@ -54,7 +54,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[KeptRun, Tally, list
 
 
 @pytest.mark.slow
-def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[KeptRun, Tally, list[int]]) -> None:
+def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[KeptRun, SeedTally, list[int]]) -> None:
     """What is kept fails as the seed did, with two processes, one fault and few rounds."""
     kept, tally, shrinking = told
     seed = first_failing(TakesDoubles)
@@ -73,7 +73,7 @@ def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[KeptRun, Tally, list
 
 
 @pytest.mark.thorough
-def test_what_is_kept_can_be_opened(told: tuple[KeptRun, Tally, list[int]]) -> None:
+def test_what_is_kept_can_be_opened(told: tuple[KeptRun, SeedTally, list[int]]) -> None:
     """By verify, info, view and replay; the pictures show the messages, and view leaves them."""
     kept, _, _ = told
     log = Path(kept.log)
@@ -96,7 +96,7 @@ def test_what_is_kept_can_be_opened(told: tuple[KeptRun, Tally, list[int]]) -> N
 def test_shrinking_fails_in_the_same_way() -> None:
     """The kind of the failure stays, and what is left fails each time from its list."""
     seed = first_failing(Raises)
-    raising = Lockstep(LINES, Raises)
+    raising = LockstepSwarm(LINES, Raises)
     found = raising.run_of(seed)
     left = small(found, seed, raising)
     assert found.failure is not None
@@ -112,7 +112,7 @@ def test_shrinking_fails_in_the_same_way() -> None:
 def test_a_run_that_holds_is_not_shrunk() -> None:
     """There is nothing that could be made small."""
     with pytest.raises(ValueError, match="nothing to shrink"):
-        small(Lockstep(LINES).run_of(0), 0, Lockstep(LINES))
+        small(LockstepSwarm(LINES).run_of(0), 0, LockstepSwarm(LINES))
 
 
 @pytest.mark.thorough
@@ -121,7 +121,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     seed = first_failing(Raises)
     earlier = tmp_path / f"simulated-{seed}.mcap"
     earlier.write_text("earlier")
-    (kept,) = simulate_seeds([seed], tmp_path, Tally(Lockstep(LINES, Raises)))
+    (kept,) = simulate_seeds([seed], tmp_path, SeedTally(LockstepSwarm(LINES, Raises)))
     assert kept is not None
     assert Path(kept.log).name == f"simulated-{seed}-2.mcap"
     assert earlier.read_text() == "earlier"
@@ -137,7 +137,7 @@ def test_the_tally_counts_every_kind(
 ) -> None:
     """Also those that did not come to pass; numbers of runs add up."""
     simulator = simulator_of(asked)
-    tally = Tally(simulator)
+    tally = SeedTally(simulator)
     assert list(simulate_seeds(range(3), tmp_path, tally)) == [None] * 3
     document = tally.document(2.0)
     assert set(document["faults"]) == set(kinds)

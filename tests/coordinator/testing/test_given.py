@@ -15,8 +15,7 @@ from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.run_under_test import Joiners
-from cubepath.coordinator.testing.strategies import faults
-from cubepath.coordinator.testing.trials import trial_of
+from cubepath.coordinator.testing.strategies import faults, trial_of
 from cubepath.coordinator.testing.wire import PlannedFault
 from cubepath.protocol.core.errors import InputError
 

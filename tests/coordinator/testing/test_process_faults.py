@@ -25,10 +25,7 @@ def test_a_time_is_over_with_what_it_was_for(cubepath_run: RunFixture) -> None:
     """A pause or a cut that is ended by hand does not end the next one."""
     rig = cubepath_run(SYSTEM)
     pid, link = rig.pids["process_0"], rig.links["process_0"]
-    for name, act, undo in (
-        ("resume", rig.pause, rig.resume),
-        ("heal", rig.cut_off, rig.heal),
-    ):
+    for name, act, undo in (("resume", rig.pause, rig.resume), ("heal", rig.cut_off, rig.heal)):
         act("process_0", seconds=3600)
         (first,) = rig._timers.values()
         undo("process_0")

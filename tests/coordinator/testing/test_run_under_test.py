@@ -61,9 +61,7 @@ WOUNDS: list[Any] = [
     pytest.param(lambda rig: rig.hold("said", round=3, seconds=0.3), id="held back", marks=LONG),
     pytest.param(lambda rig: rig.pause(0, at="claim", seconds=0.3), id="paused"),
     pytest.param(
-        lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True),
-        id="cut off",
-        marks=LONG,
+        lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True), id="cut off", marks=LONG
     ),
 ]
 

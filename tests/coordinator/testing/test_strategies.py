@@ -8,8 +8,7 @@ import pytest
 from hypothesis import find, given, settings, strategies as st
 
 from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS
-from cubepath.coordinator.testing.strategies import faults, scenarios
-from cubepath.coordinator.testing.trials import Trial, fault, trial_of
+from cubepath.coordinator.testing.strategies import Trial, fault, faults, scenarios, trial_of
 from cubepath.protocol.core.errors import InputError
 from exploration.planted import ForgetsCounts, IsDeaf, Raises
 

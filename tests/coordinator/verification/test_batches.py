@@ -11,7 +11,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Again,

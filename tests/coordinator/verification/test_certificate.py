@@ -102,11 +102,7 @@ def test_a_move_that_cannot_be_carried_out_is_named_by_its_number() -> None:
 @pytest.mark.parametrize("shared", ["a", 7])
 def test_of_a_shared_id_the_number_says_which_move_is_meant(shared: str | int) -> None:
     """Text or number: alone it is unclear, and with the number of another move it is another."""
-    path = [
-        PathMove(edge(1, 2), "go"),
-        PathMove(edge(2, 3), shared),
-        PathMove(edge(3, 4), shared),
-    ]
+    path = [PathMove(edge(1, 2), "go"), PathMove(edge(2, 3), shared), PathMove(edge(3, 4), shared)]
     certificate = certificate_of([move.action for move in path])
     assert certificate.cubes == [[1], [2], [3]]
 

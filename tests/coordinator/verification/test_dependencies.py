@@ -9,11 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import is_cube
-from cubepath.coordinator.verification.dependencies import (
-    check_dependencies,
-    numbered,
-    remaining,
-)
+from cubepath.coordinator.verification.dependencies import check_dependencies, numbered, remaining
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.actions import Action, commute
 from oracles.obvious import obvious_normal_form

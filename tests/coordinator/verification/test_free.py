@@ -20,7 +20,7 @@ from cubepath.coordinator.verification.free import FREE_CHECKS
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from samples.free_numbers import numbered
 from samples.free_runs import asked, free_recorded, free_run, results, write
@@ -123,8 +123,7 @@ def is_found(recording: Recording, number: int, step: int) -> Iterator[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "spec",
-    ["agv:graph=grid6x3,n=3", pytest.param("hex:n=3", marks=pytest.mark.thorough)],
+    "spec", ["agv:graph=grid6x3,n=3", pytest.param("hex:n=3", marks=pytest.mark.thorough)]
 )
 def test_a_single_value_that_was_changed_is_found(spec: str) -> None:
     """Whatever it is, but for what a recording does not prove."""

@@ -8,10 +8,14 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.verification.recording import verify
-from cubepath.protocol.recordings.cuts import left_out
-from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
+from cubepath.protocol.recordings.cutting import (
+    filter_recording,
+    left_out,
+    merge_recordings,
+    split_recording,
+)
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from processes.command_line import GOLDEN
 from samples.recordings import new_path
 

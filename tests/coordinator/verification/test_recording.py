@@ -15,7 +15,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from msgspec.structs import replace
 
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification import rounds as rederive
@@ -28,7 +28,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
 from samples.recordings import all_edited, edited, first, parts, record_of, recorded, with_records
@@ -382,11 +382,7 @@ def test_what_is_said_does_not_depend_on_the_order_of_arrival(make: Tampering) -
     recording = make()
     told = {
         verify(in_another_order(recording, key)).checks
-        for key in (
-            lambda each: each.data,
-            lambda each: each.data[::-1],
-            lambda each: each.topic,
-        )
+        for key in (lambda each: each.data, lambda each: each.data[::-1], lambda each: each.topic)
     }
     assert told == {verify(recording).checks}
 
@@ -438,9 +434,7 @@ def test_progress_is_told_for_each_round() -> None:
     assert sum(told) == found.rounds
 
 
-def test_a_recording_closed_again_without_its_last_messages_is_not_complete(
-    tmp_path: Path,
-) -> None:
+def test_a_recording_closed_again_without_its_last_messages_is_not_complete(tmp_path: Path) -> None:
     """However many they are; the file itself is whole."""
     whole = crowd()
     for count in (1, 2, 7, 40):
@@ -476,12 +470,7 @@ def test_the_document_has_the_keys_that_are_promised() -> None:
     keys = ["ok", "complete", "missing", "checks", "moves", "rounds", "cubes", "path_digest"]
     assert list(document) == keys
     assert document["complete"] is True
-    assert document["checks"][0] == {
-        "name": "readable",
-        "ok": True,
-        "checked": True,
-        "detail": "",
-    }
+    assert document["checks"][0] == {"name": "readable", "ok": True, "checked": True, "detail": ""}
 
 
 def test_admissible_and_applied_as_by_definition() -> None:

@@ -157,11 +157,7 @@ def test_another_system_than_the_parameters_name_is_refused(
     ],
 )
 def test_a_system_that_cannot_be_it_is_refused_by_the_first_message_that_says_so(
-    name: str,
-    system: str,
-    said: str | None,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    name: str, system: str, said: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where the parameters are lost too; where only the whole of it is wrong, that is said."""
     path = without(name, tmp_path, b"cubepath-system-1", b"cubepath-recording-")

@@ -16,12 +16,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Ordinals, Site, in_order
 from cubepath.protocol.path_files import npz
-from cubepath.protocol.path_files.moves import (
-    PathMove,
-    known_of_named,
-    named_action,
-    write_moves,
-)
+from cubepath.protocol.path_files.moves import PathMove, known_of_named, named_action, write_moves
 from cubepath.protocol.path_files.npz import read_moves_npz, table_of, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, read_path
 from cubepath.protocol.path_files.path_lines import write_path

@@ -17,9 +17,7 @@ from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import PointSet
-from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
-from cubepath.protocol.systems.triangles import Triangles
+from cubepath.protocol.systems.point_sets import PointSet, Triangles, all_quadrilaterals
 from oracles.cells import Cell, cell_of
 from samples.plans import DATA, actions_read, flips_2026, moves_read, save
 from samples.strategies import random_walk, scene

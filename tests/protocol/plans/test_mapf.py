@@ -135,10 +135,7 @@ BAD_STEPS: dict[str, tuple[Steps, str]] = {
         "agent 1, [3,0] to [2,0]: agent 0 enters [2,0] too, expected one",
     ),
     "rotation": (
-        [
-            [(0, 2), (1, 2), (1, 3), (0, 3), (4, 0)],
-            [(1, 2), (1, 3), (0, 3), (0, 2), (3, 0)],
-        ],
+        [[(0, 2), (1, 2), (1, 3), (0, 3), (4, 0)], [(1, 2), (1, 3), (0, 3), (0, 2), (3, 0)]],
         "timestep 1, agent 0, [0,2] to [1,2]: agents 0, 1, 2 and 3 rotate, each into the cell",
     ),
     "start": ([[(0, 1), (2, 0)]], "agent 0 starts at [0,1], an obstacle or outside"),

@@ -6,7 +6,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from cubepath.protocol.recordings.counts import BATCHES
+from cubepath.protocol.recordings.description import BATCHES
 from cubepath.protocol.wire import free_messages, messages
 
 STRUCTS = {

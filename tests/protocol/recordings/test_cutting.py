@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import RecordingWriter
 from processes.command_line import GOLDEN
 from samples.recordings import new_path

@@ -23,14 +23,7 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Report, decode
 from cubepath.protocol.wire.on_record import schema_of
-from tampering.damaged import (
-    PARAMETERS,
-    ROUNDS,
-    SCENE_OF_ALL,
-    files,
-    originals,
-    write,
-)
+from tampering.damaged import PARAMETERS, ROUNDS, SCENE_OF_ALL, files, originals, write
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
@@ -46,9 +39,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.binary(max_size=20), st.integers(0, 2**63), st.integers(0, 2**63))))
-def test_any_bytes_are_read_as_they_were_written(
-    messages: list[tuple[bytes, int, int]],
-) -> None:
+def test_any_bytes_are_read_as_they_were_written(messages: list[tuple[bytes, int, int]]) -> None:
     """The recorder looks at nothing: it keeps the bytes, the round and the wall clock."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.mcap"

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.recordings.logged import kinds_of
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.salvaging import messages_in
+from cubepath.protocol.recordings.stored_messages import kinds_of
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Here, Report, decode, encode
@@ -138,7 +138,7 @@ def test_chunks_without_the_rounds_are_not_read(monkeypatch: pytest.MonkeyPatch)
         unpacked.append(block)
         return messages_in(stored, block)
 
-    monkeypatch.setattr("cubepath.protocol.recordings.stored_records.messages_in", counting)
+    monkeypatch.setattr("cubepath.protocol.recordings.stored_messages.messages_in", counting)
     assert sum(1 for _ in recording.messages()) == 6_000
     whole, unpacked[:] = len(unpacked), []
     assert sum(1 for _ in recording.messages(rounds=range(30, 34))) == 400

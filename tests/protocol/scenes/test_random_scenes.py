@@ -10,19 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import play_in_python
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.random_scenes.stream import Stream
-from cubepath.protocol.scenes.random_scenes.triangulations import random_triangulation
+from cubepath.protocol.scenes.random_scenes import Stream, random_triangulation
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.triangles import Triangles
+from cubepath.protocol.systems.point_sets import Triangles
 
 PINNED = {
     "hex-shapes:n=8,seed=5": "23d3999e074f",

@@ -20,8 +20,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Bound
 from cubepath.protocol.scenes.families.triangulations import random_points
-from cubepath.protocol.scenes.random_scenes.stream import Stream
-from cubepath.protocol.scenes.random_scenes.triangulations import random_triangulation
+from cubepath.protocol.scenes.random_scenes import Stream, random_triangulation
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of, settle
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound

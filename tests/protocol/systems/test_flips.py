@@ -17,16 +17,12 @@ from cubepath.protocol.core.actions import Action, commute, end_at
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.triangulations import (
-    random_points,
-    read_points,
-)
+from cubepath.protocol.scenes.families.triangulations import random_points, read_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 from cubepath.protocol.systems import flips
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import Point, PointSet
-from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
+from cubepath.protocol.systems.point_sets import Point, PointSet, all_quadrilaterals
 from oracles.complexes import actions_at, f_vector, states_of
 from oracles.point_grids import all_triangulations, on_grid
 
@@ -283,11 +279,7 @@ def test_triangulations_from_a_file(tmp_path: Path) -> None:
             '{"points_x": [0, 1, 1, 0], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 4]]]}',
             r"triangulations\[0\]: \(0, 4\) is no edge between two points of 0 to 3",
         ),
-        (
-            "p.json",
-            CROSSED,
-            r"p.json: goal: edges \[0, 2\] and \[1, 3\] cross",
-        ),
+        ("p.json", CROSSED, r"p.json: goal: edges \[0, 2\] and \[1, 3\] cross"),
     ],
 )
 def test_files_of_points_that_are_refused(

@@ -11,8 +11,7 @@ from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.triangulations import polygon_points, random_points
-from cubepath.protocol.systems.point_sets import SWEEPS, Point, PointSet
-from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
+from cubepath.protocol.systems.point_sets import SWEEPS, Point, PointSet, all_quadrilaterals
 from oracles.point_grids import between, meet, on_grid, turn
 
 

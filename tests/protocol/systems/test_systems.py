@@ -292,8 +292,7 @@ def test_parallel_edges_are_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("edges", "message"),
-    [([(0, 0)], "loop"), ([(0, 9)], "no vertex"), ([], "at least one edge")],
+    ("edges", "message"), [([(0, 0)], "loop"), ([(0, 9)], "no vertex"), ([], "at least one edge")]
 )
 def test_a_graph_that_is_none_is_refused(edges: list[tuple[Site, Site]], message: str) -> None:
     """Loops, loose ends and edgeless graphs are refused."""

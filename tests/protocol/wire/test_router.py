@@ -18,10 +18,17 @@ import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire import sessions
-from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials
+from cubepath.protocol.wire.credentials import (
+    COORDINATOR,
+    GUEST,
+    SCHEME,
+    Credentials,
+    discard,
+    is_private,
+    new_endpoint,
+)
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
-from cubepath.protocol.wire.sockets import SCHEME, discard, is_private, new_endpoint
 from processes.elsewhere import soon
 
 pytestmark = pytest.mark.slow
@@ -188,7 +195,7 @@ def test_a_path_too_long_for_a_socket_is_not_taken(
         finally:
             discard(endpoint)
         assert not folder_of(endpoint).exists()
-    monkeypatch.setattr("cubepath.protocol.wire.sockets._LAST_RESORT", "/proc")
+    monkeypatch.setattr("cubepath.protocol.wire.credentials._LAST_RESORT", "/proc")
     with pytest.raises(CubepathError, match=r"no place for the router's socket, nor is /proc"):
         new_endpoint()
 

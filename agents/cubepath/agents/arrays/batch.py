@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from cubepath.agents.arrays.lattice_tables import LatticeTables
 from cubepath.agents.arrays.rounds import play_round
-from cubepath.agents.arrays.state import SILENT, STAYED, Observed, Scratch, State
-from cubepath.agents.arrays.tables import Growing, Ints, Tables
+from cubepath.agents.arrays.state import SILENT, STAYED, BatchState, ObservationArrays, Scratch
+from cubepath.agents.arrays.tables import GrowingArray, Ints, Tables
 from cubepath.agents.local.arbitration import RANK
 from cubepath.agents.local.observation import Note, observation_length
 from cubepath.agents.local.random_streams import seed_key
@@ -43,7 +43,7 @@ class Batch:
     """Environments of one scene that are stepped together; each has its own seed and round.
 
     `observed` are the arrays that `observe` and `step` write, the same objects each time: what the
-    `Observed` documents. They are for reading: nothing is read back from them.
+    `ObservationArrays` documents. They are for reading: nothing is read back from them.
     """
 
     def __init__(self, scene: Scene, environments: int = 1, *, note_length: int = 0) -> None:
@@ -68,7 +68,7 @@ class Batch:
         self._idle = np.zeros(shape, np.int64)
         self.outcomes = np.full(shape, STAYED, np.int8)
         reach = system.reach_slots if note_length else 1
-        self.observed = Observed(
+        self.observed = ObservationArrays(
             np.zeros((*shape, observation_length(system)), np.int32),
             np.zeros((*shape, system.move_slots + 1), np.int8),
             np.full((*shape, reach, note_length), SILENT, np.int32),
@@ -158,8 +158,8 @@ class Batch:
         return places, codes
 
     @property
-    def _state(self) -> State:
-        return State(
+    def _state(self) -> BatchState:
+        return BatchState(
             self._place,
             self._code,
             self._shown,
@@ -180,7 +180,7 @@ class Batch:
         self.round[at] = 0
         self._said[at] = 0
 
-    def observe(self) -> Observed:
+    def observe(self) -> ObservationArrays:
         """Write what all modules observe; return it. It has to follow a `reset`."""
         self._play(self._idle, self._everyone, only_observe=True)
         return self.observed
@@ -323,15 +323,15 @@ class RelativeArrays:
             (batch.environments, batch.modules, self.layout.length), np.float32
         )
 
-    def _no_stands(self) -> tuple[Growing, ...]:
+    def _no_stands(self) -> tuple[GrowingArray, ...]:
         kind = self.layout.parts["kind"]
         system = self._system
         return (
-            Growing(0, np.bool_),
-            Growing(0, np.float64, system.dimension),
-            Growing(0, np.float32, kind.stop - kind.start),
-            Growing(0, np.intp),
-            Growing(0, np.intp, system.move_slots),
+            GrowingArray(0, np.bool_),
+            GrowingArray(0, np.float64, system.dimension),
+            GrowingArray(0, np.float32, kind.stop - kind.start),
+            GrowingArray(0, np.intp),
+            GrowingArray(0, np.intp, system.move_slots),
         )
 
     def update(self) -> Floats:

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.tables import (
-    Growing,
+    GrowingArray,
     Ints,
-    Kind,
-    Kinds,
-    Naming,
+    MoveKind,
+    MoveKinds,
     Places,
+    SiteNaming,
     Stands,
     Tables,
     UntabledError,
@@ -124,7 +124,7 @@ def work_out(
     orbits: Orbits,
     places: Places,
     stands: Stands,
-    kinds: Kinds,
+    kinds: MoveKinds,
     notes: bool,  # noqa: FBT001 - compiled functions are called with positions
     around: Ints,
 ) -> int:
@@ -190,16 +190,13 @@ class LatticeTables(Tables):
             raise UntabledError(f"{scene.spec}: no catalogue")
         self._catalogue: Catalogue = catalogue
         self._arity = catalogue.lattice.arity
-        self._cell_arrays = (
-            Growing(0, np.int32, self._arity),
-            Growing(0, np.uint8),
-        )
+        self._cell_arrays = (GrowingArray(0, np.int32, self._arity), GrowingArray(0, np.uint8))
         self._slots = np.zeros(64, np.int32)
         self._chart = _charted(scene.system, self._arity)
         super().__init__(scene, notes=notes)
 
     def _begin(self) -> None:
-        if self.naming is not Naming.ONE:
+        if self.naming is not SiteNaming.ONE:
             raise UntabledError(f"{self.scene.spec}: a catalogue, and sites that differ by code")
         self._orbits = self._by_orbit()
         self.kinds.publish()
@@ -221,7 +218,7 @@ class LatticeTables(Tables):
             counts[:, orbit] = len(near), len(around)
             numbers.append(self.kinds.number(kind_at(twin, cell, self.naming)))
         # Cells of an orbit that no mover begins in: orbit -1, the last.
-        numbers.append(self.kinds.number(Kind((), (None,) * slots)))
+        numbers.append(self.kinds.number(MoveKind((), (None,) * slots)))
         tails = np.zeros((len(cells), self._arity - lattice.dimension), np.int32)
         for orbit, cell in enumerate(cells):
             tails[orbit] = cell[lattice.dimension :]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.arrays.state import SILENT, Observed, State
-from cubepath.agents.arrays.tables import ANY, Bits, Goals, Ints, Kinds, Places, Stands
+from cubepath.agents.arrays.state import SILENT, BatchState, ObservationArrays
+from cubepath.agents.arrays.tables import ANY, Bits, Goals, Ints, MoveKinds, Places, Stands
 from cubepath.protocol.compiled import inner
 
 _FREE, _CLOSED = 0, 3
@@ -52,10 +52,10 @@ def observe_all(
     goals: Goals,
     knower: Ints,
     stands: Stands,
-    kinds: Kinds,
+    kinds: MoveKinds,
     codes: int,
-    state: State,
-    observed: Observed,
+    state: BatchState,
+    observed: ObservationArrays,
 ) -> None:
     """Write what all modules of all environments observe."""
     environments, modules = state.place.shape
@@ -124,7 +124,7 @@ def observe_all(
 
 
 @inner
-def hear_all(places: Places, state: State, notes: Ints) -> None:
+def hear_all(places: Places, state: BatchState, notes: Ints) -> None:
     """Write the notes that all modules hear: from the second round on, the last of each module."""
     environments, modules = state.place.shape
     reach, module_at, said = places.reach, state.module, state.said

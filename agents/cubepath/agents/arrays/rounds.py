@@ -22,11 +22,11 @@ from cubepath.agents.arrays.state import (
     ILLEGAL,
     LOST,
     STAYED,
-    Observed,
+    BatchState,
+    ObservationArrays,
     Scratch,
-    State,
 )
-from cubepath.agents.arrays.tables import ANY, OWN, Goals, Ints, Kinds, Places, Stands
+from cubepath.agents.arrays.tables import ANY, OWN, Goals, Ints, MoveKinds, Places, Stands
 from cubepath.agents.local.random_streams import hashed_compiled
 from cubepath.protocol.compiled import compiled, inner
 
@@ -35,7 +35,12 @@ _OPEN, _WON, _BEATEN = 0, 1, 2
 
 @inner
 def file_traces(
-    places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
+    places: Places,
+    kinds: MoveKinds,
+    state: BatchState,
+    environment: int,
+    count: int,
+    scratch: Scratch,
 ) -> None:
     """File all claims by the places of their traces."""
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
@@ -61,8 +66,8 @@ def file_traces(
 @inner
 def find_rivals(
     places: Places,
-    kinds: Kinds,
-    state: State,
+    kinds: MoveKinds,
+    state: BatchState,
     environment: int,
     count: int,
     scratch: Scratch,
@@ -104,7 +109,12 @@ def find_rivals(
 
 @inner
 def clear(
-    places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
+    places: Places,
+    kinds: MoveKinds,
+    state: BatchState,
+    environment: int,
+    count: int,
+    scratch: Scratch,
 ) -> None:
     """Take the claims out of the file again."""
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
@@ -169,8 +179,8 @@ def grant_by_rank(waiting: int, rivals: Ints, scratch: Scratch) -> None:
 @inner
 def settle(
     places: Places,
-    kinds: Kinds,
-    state: State,
+    kinds: MoveKinds,
+    state: BatchState,
     environment: int,
     count: int,
     scratch: Scratch,
@@ -196,9 +206,9 @@ def settle(
 @inner
 def claim_all(
     stands: Stands,
-    kinds: Kinds,
+    kinds: MoveKinds,
     codes: int,
-    state: State,
+    state: BatchState,
     environment: int,
     actions: NDArray[np.int64],
     scratch: Scratch,
@@ -235,9 +245,9 @@ def claim_all(
 def execute_all(
     places: Places,
     stands: Stands,
-    kinds: Kinds,
+    kinds: MoveKinds,
     codes: int,
-    state: State,
+    state: BatchState,
     environment: int,
     count: int,
     scratch: Scratch,
@@ -308,8 +318,8 @@ def play_round(
     probes must be those of the present state. The tuples come as plain ones: those take a third of
     the time to be handed over.
     """
-    places, stands, kinds = Places(*place_arrays), Stands(*stand_arrays), Kinds(*kind_arrays)
-    state, scratch = State(*state_arrays), Scratch(*scratch_arrays)
+    places, stands, kinds = Places(*place_arrays), Stands(*stand_arrays), MoveKinds(*kind_arrays)
+    state, scratch = BatchState(*state_arrays), Scratch(*scratch_arrays)
     fresh = False
     for environment in range(0 if only_observe else len(actions)):
         if not live[environment]:
@@ -322,7 +332,7 @@ def play_round(
         if execute_all(places, stands, kinds, codes, state, environment, count, scratch, outcomes):
             fresh = True
     if not fresh:
-        observed = Observed(*observed_arrays)
+        observed = ObservationArrays(*observed_arrays)
         goals = Goals(*goal_arrays)
         observe_all(places, goals, knower, stands, kinds, codes, state, observed)
         if state.said.shape[2] > 0:

@@ -17,7 +17,7 @@ STAYED, GRANTED, LOST, ILLEGAL = 0, 1, 2, 3
 SILENT = np.iinfo(np.int32).min
 
 
-class State(NamedTuple):
+class BatchState(NamedTuple):
     """Where the modules are; the first axis is the environment."""
 
     place: Ints
@@ -39,7 +39,7 @@ class State(NamedTuple):
     """Shape (environments, modules, note_length): the last notes."""
 
 
-class Observed(NamedTuple):
+class ObservationArrays(NamedTuple):
     """What all modules observe, as `observe` documents it."""
 
     observation: Ints

@@ -33,7 +33,7 @@ class UntabledError(CubepathError):
     """The moves of a system do not fit into tables; the plain world plays them."""
 
 
-class Naming(Enum):
+class SiteNaming(Enum):
     """How the sites at one place differ."""
 
     ONE = "a place is a site"
@@ -55,7 +55,7 @@ class TabledMove(NamedTuple):
     """Where modules go: reference and code before, reference and code after."""
 
 
-class Kind(NamedTuple):
+class MoveKind(NamedTuple):
     """The moves of a module by slot; None for a slot that is empty, or never admissible."""
 
     probes: tuple[tuple[int, int], ...]
@@ -63,15 +63,15 @@ class Kind(NamedTuple):
     moves: tuple[TabledMove | None, ...]
 
 
-def naming_of(system: System, start: Site) -> Naming:
+def naming_of(system: System, start: Site) -> SiteNaming:
     """Return how the sites at one place differ, in a system with a module at `start`."""
     if system.codes <= FIRST_LABEL:
-        return Naming.ONE
+        return SiteNaming.ONE
     alike = system.labels is not None and system.pattern(start) is not None
-    return Naming.LABELS if alike else Naming.CODES
+    return SiteNaming.LABELS if alike else SiteNaming.CODES
 
 
-def kind_at(system: System, site: Site, naming: Naming) -> Kind:
+def kind_at(system: System, site: Site, naming: SiteNaming) -> MoveKind:
     """Return the kind of a module at `site`; `UntabledError` if there is none."""
     return _Tabling(system, site, naming).kind()
 
@@ -79,7 +79,7 @@ def kind_at(system: System, site: Site, naming: Naming) -> Kind:
 class _Tabling:
     """The working out of one kind."""
 
-    def __init__(self, system: System, site: Site, naming: Naming) -> None:
+    def __init__(self, system: System, site: Site, naming: SiteNaming) -> None:
         self._system, self._site, self._naming = system, site, naming
         self._place = system.place_of(site)
         self._slots = {
@@ -87,9 +87,9 @@ class _Tabling:
         }
         self._probes: dict[tuple[int, int], int] = {}
 
-    def kind(self) -> Kind:
+    def kind(self) -> MoveKind:
         found = tuple(self._tabled(move) for move in self._system.moves(self._site))
-        return Kind(tuple(self._probes), found)
+        return MoveKind(tuple(self._probes), found)
 
     def _tabled(self, move: Move | None) -> TabledMove | None:
         if move is None:
@@ -137,7 +137,7 @@ class _Tabling:
         return slot + 1
 
     def _bit(self, ref: int, code: int) -> int:
-        if self._naming is not Naming.CODES:
+        if self._naming is not SiteNaming.CODES:
             return ref - 1
         return self._probes.setdefault((ref - 1, code), len(self._probes))
 
@@ -146,7 +146,7 @@ class _Tabling:
         ref = self._ref(self._system.place_of(site))
         if ref == 0:
             return None, int(site == self._site)
-        if self._naming is Naming.LABELS:
+        if self._naming is SiteNaming.LABELS:
             raise UntabledError(f"guards over {site!r}, which has a label")
         return self._bit(ref, self._system.code_of(site)), None
 
@@ -157,7 +157,7 @@ class _Tabling:
         whole: dict[int, list[Site]] = {}
         for site in in_order(fixed):
             ref = self._ref(self._system.place_of(site))
-            if ref and self._naming is Naming.LABELS:
+            if ref and self._naming is SiteNaming.LABELS:
                 whole.setdefault(ref, []).append(site)
                 continue
             bit, known = self._shown(site)
@@ -168,9 +168,9 @@ class _Tabling:
             yield None, self._bit(ref, ANY), 0
 
     def _code(self, site: Site) -> int:
-        if self._naming is Naming.ONE:
+        if self._naming is SiteNaming.ONE:
             return ANY
-        if self._naming is Naming.CODES:
+        if self._naming is SiteNaming.CODES:
             return self._system.code_of(site)
         if self._system.label_of(site) != self._system.label_of(self._site):
             raise UntabledError(f"moves of {self._site!r} change what {site!r} shows")
@@ -182,11 +182,11 @@ class _Tabling:
         for site in in_order(move.action.support):
             ref = self._ref(self._system.place_of(site))
             counted[ref] = counted.get(ref, 0) + 1
-            if self._naming is not Naming.LABELS:
+            if self._naming is not SiteNaming.LABELS:
                 found[ref, self._code(site), int(site in move.action.trace)] = None
             elif site in move.action.trace:
                 found[ref, self._code(site), 1] = None
-        if self._naming is Naming.LABELS:
+        if self._naming is SiteNaming.LABELS:
             for ref, count in counted.items():
                 if count != self._system.labels:
                     raise UntabledError(f"moves of {self._site!r} hold single labels")
@@ -256,7 +256,7 @@ class Stands(NamedTuple):
     """Shape (stands, move_slots): 0 where a move of the kind is excluded here."""
 
 
-class Kinds(NamedTuple):
+class MoveKinds(NamedTuple):
     """All kinds so far. Of move a of kind k, number m = k * move_slots + a."""
 
     care: Bits
@@ -276,7 +276,7 @@ class Kinds(NamedTuple):
     """Shape (probes, 2): slot and code; by kind."""
 
 
-class Growing:
+class GrowingArray:
     """An array that is given more rows, all at first with the same value."""
 
     def __init__(self, value: int, dtype: Any, *tail: int) -> None:
@@ -294,11 +294,11 @@ class Growing:
         return True
 
 
-class Rows:
+class IntegerRows:
     """Rows of integers that are only ever added."""
 
     def __init__(self, width: int) -> None:
-        self._rows = Growing(0, np.int32, width)
+        self._rows = GrowingArray(0, np.int32, width)
         self.count = 0
 
     def add(self, rows: Sequence[Sequence[int]]) -> None:
@@ -319,16 +319,16 @@ class KindTable:
 
     def __init__(self, move_slots: int) -> None:
         self._slots = move_slots
-        self._numbers: dict[Kind, int] = {}
+        self._numbers: dict[MoveKind, int] = {}
         self._words = 1
-        self._guards, self._items = Rows(2), Rows(3)
-        self._motion, self._probes = Rows(4), Rows(2)
-        self._ends = Rows(3)
-        self._probe_ends = Rows(1)
+        self._guards, self._items = IntegerRows(2), IntegerRows(3)
+        self._motion, self._probes = IntegerRows(4), IntegerRows(2)
+        self._ends = IntegerRows(3)
+        self._probe_ends = IntegerRows(1)
         self._care: list[tuple[int, int]] = []
         self.arrays = self._as_arrays()
 
-    def number(self, kind: Kind) -> int:
+    def number(self, kind: MoveKind) -> int:
         """Return the number of a kind; a new one is added."""
         found = self._numbers.get(kind)
         if found is None:
@@ -336,7 +336,7 @@ class KindTable:
             self._add(kind)
         return found
 
-    def _add(self, kind: Kind) -> None:
+    def _add(self, kind: MoveKind) -> None:
         self._probes.add(kind.probes)
         self._probe_ends.add([[self._probes.count]])
         for slot in range(self._slots):
@@ -361,7 +361,7 @@ class KindTable:
         if len(self.arrays.probes_at) - 1 < len(self._numbers):
             self.arrays = self._as_arrays()
 
-    def _as_arrays(self) -> Kinds:
+    def _as_arrays(self) -> MoveKinds:
         words = np.zeros((2, max(len(self._care), 1), self._words), np.uint64)
         for row, pair in enumerate(self._care):
             for which, bits in enumerate(pair):
@@ -371,7 +371,7 @@ class KindTable:
         ends[1:] = self._ends.array[: len(self._care)]
         probes_at = np.zeros(len(self._numbers) + 1, np.int32)
         probes_at[1:] = self._probe_ends.array[: len(self._numbers), 0]
-        return Kinds(
+        return MoveKinds(
             care=words[0],
             want=words[1],
             guards_at=ends[:, 0].copy(),
@@ -394,7 +394,7 @@ class Tables:
         self.scene = scene
         self._notes = notes
         self.naming = naming_of(system, scene.start[0])
-        self.codes = system.codes if self.naming is Naming.CODES else 1
+        self.codes = system.codes if self.naming is SiteNaming.CODES else 1
         self.kinds = KindTable(system.move_slots)
         self._numbers: dict[Site, int] = {}
         self._named: list[Site | None] = [None]
@@ -402,16 +402,16 @@ class Tables:
         self._capacity = 0
         self._by_pattern: dict[Any, int] = {}
         self._place_arrays = (
-            Growing(0, np.int32, system.sense_slots),
-            Growing(0, np.int32, system.reach_slots if notes else 1),
-            Growing(0, np.int32),
-            Growing(-1, np.int32),
-            Growing(0, np.int32),
+            GrowingArray(0, np.int32, system.sense_slots),
+            GrowingArray(0, np.int32, system.reach_slots if notes else 1),
+            GrowingArray(0, np.int32),
+            GrowingArray(-1, np.int32),
+            GrowingArray(0, np.int32),
         )
         self._stand_arrays = (
-            Growing(-1, np.int32),
-            Growing(0, np.int32, system.site_size),
-            Growing(1, np.uint8, system.move_slots),
+            GrowingArray(-1, np.int32),
+            GrowingArray(0, np.int32, system.site_size),
+            GrowingArray(1, np.uint8, system.move_slots),
         )
         self._room()
         self.places.background[0] = CLOSED
@@ -489,7 +489,7 @@ class Tables:
             reach = self._numbered(system.reach(place))
             self.places.reach[number, : len(reach)] = reach
         stand = number * self.codes + (code if self.codes > 1 else 0)
-        pattern = None if self.naming is Naming.CODES else system.pattern(site)
+        pattern = None if self.naming is SiteNaming.CODES else system.pattern(site)
         kind = None if pattern is None else self._by_pattern.get(pattern)
         if kind is None:
             kind = self.kinds.number(kind_at(system, site, self.naming))

@@ -16,8 +16,8 @@ from cubepath.agents.arrays.tables import UntabledError
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
 from cubepath.agents.environments.observations import (
-    Kept,
-    Shown,
+    ObservationEncoder,
+    ReusedDicts,
     infos_of,
     rendered,
     share_at_goal,
@@ -105,7 +105,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        self._shown = Shown(self.scene, observation)
+        self._shown = ObservationEncoder(self.scene, observation)
         space = self._shown.space(note_length)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
@@ -119,7 +119,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self._which = world
         self._world: World | ArrayWorld | WireWorld | None = None
         self._played: Round | ArrayRound | None = None
-        self._kept: Kept | None = None
+        self._kept: ReusedDicts | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the agent's observation space, the same object each time."""
@@ -241,10 +241,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             self._compile_when_it_pays()
 
     def _step_arrays(
-        self,
-        world: ArrayWorld,
-        actions: Mapping[str, int | None],
-        notes: Mapping[str, Note],
+        self, world: ArrayWorld, actions: Mapping[str, int | None], notes: Mapping[str, Note]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         agents = self.agents
         told = {
@@ -295,7 +292,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
                 infos[names[module]]["illegal"] = True
             return observations, infos
         if self._kept is None or self._kept.world is not world:
-            self._kept = Kept(world, names)
+            self._kept = ReusedDicts(world, names)
         else:
             world.refresh()
         return self._kept.observations, self._kept.marked(illegal)

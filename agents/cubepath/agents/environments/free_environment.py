@@ -20,8 +20,13 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv
 
 from cubepath.agents.environments.environment import CubepathEnv
-from cubepath.agents.environments.free_world import Acted, FreeWorld
-from cubepath.agents.environments.observations import Shown, rendered, share_at_goal, state_of
+from cubepath.agents.environments.free_world import ActionResult, FreeWorld
+from cubepath.agents.environments.observations import (
+    ObservationEncoder,
+    rendered,
+    share_at_goal,
+    state_of,
+)
 from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
@@ -50,7 +55,7 @@ class Scheduler(Protocol):
         raise NotImplementedError
 
 
-class Turns:
+class RoundRobin:
     """One after the other, by number."""
 
     def __init__(self, modules: int) -> None:
@@ -71,7 +76,7 @@ class Turns:
         return max(self._turns - 1, 0) / self._modules
 
 
-class AtRandom:
+class RandomOrder:
     """Each at a pace of its own: with factor f a module acts f times more rarely than with 1.
 
     The time between two of its turns is drawn from 1 - `jitter` to 1 + `jitter` times the average.
@@ -105,7 +110,7 @@ class AtRandom:
         return self._now / _TICKS
 
 
-class Unfair:
+class UnfairOrder:
     """Whoever acted last acts again, as long as something comes of it.
 
     Then comes whoever acted last before that and has not acted in vain since the last commit. A
@@ -160,11 +165,11 @@ def scheduler_named(
         raise InputError(f"speeds with scheduler={name!r}: expected scheduler='random'")
     match name:
         case "turns":
-            return Turns(modules)
+            return RoundRobin(modules)
         case "random":
-            return AtRandom(modules, seed, speeds, jitter)
+            return RandomOrder(modules, seed, speeds, jitter)
         case "unfair":
-            return Unfair(modules)
+            return UnfairOrder(modules)
         case _:
             raise InputError(f"scheduler={name!r}: expected 'random', 'unfair' or 'turns'")
 
@@ -245,7 +250,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         self._scheduling = scheduler, dict(speeds or {}), jitter
         self._scheduler = self._make_scheduler(0)
         self.agents: list[str] = []
-        self._shown = Shown(self.scene, observation)
+        self._shown = ObservationEncoder(self.scene, observation)
         space = self._shown.space(note_length, register=True)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
@@ -255,7 +260,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         self.state_space = spaces.Box(info.min, info.max, shape, np.int32)
         self._world: FreeWorld | None = None
         self._declared: Choice | None = None
-        self.last_turn: Acted | None = None
+        self.last_turn: ActionResult | None = None
 
     def _make_scheduler(self, seed: int) -> Scheduler:
         name, speeds, jitter = self._scheduling
@@ -339,7 +344,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
             checked_note(note, self.note_length)
         self._declared = choice
 
-    def act(self, choice: Choice) -> Acted:
+    def act(self, choice: Choice) -> ActionResult:
         """Step with a whole choice, and return what came of it."""
         self.declare(choice)
         self.step(choice.action)

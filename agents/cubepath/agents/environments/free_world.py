@@ -13,13 +13,7 @@ import numpy as np
 
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.local.observation import (
-    Note,
-    Observation,
-    chosen_move,
-    goal_sets,
-    observe,
-)
+from cubepath.agents.local.observation import Note, Observation, chosen_move, goal_sets, observe
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.catalogue import Move
@@ -34,14 +28,14 @@ from cubepath.protocol.wire.free_messages import (
     Shows,
     Tells,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 _LAG = 2
 """What a stream of random numbers is for, beside those of `actor`."""
 
 
 @dataclass(frozen=True, slots=True)
-class Acted:
+class ActionResult:
     """What a module's turn came to: nothing asked (`asked` is False), refused, or committed."""
 
     module: int
@@ -207,7 +201,7 @@ class FreeWorld:
                 notes[place] = note
         return occupants, notes
 
-    def act(self, module: int, choice: Choice) -> Acted:
+    def act(self, module: int, choice: Choice) -> ActionResult:
         """Make the attempt of a choice, on what the module was shown when its turn began."""
         self.turns += 1
         known = self._modules[module]
@@ -235,14 +229,14 @@ class FreeWorld:
             choice=choice,
         )
         if attempt is None:
-            return Acted(module, choice, illegal=illegal)
+            return ActionResult(module, choice, illegal=illegal)
         known.number += 1
         decision = self._ask(attempt)
         moved = decision.moved
         if moved is None:
-            return Acted(module, choice, asked=True, illegal=illegal, why=decision.why)
+            return ActionResult(module, choice, asked=True, illegal=illegal, why=decision.why)
         self._committed(module, moved)
-        return Acted(module, choice, asked=True, illegal=illegal, moved=moved, move=move)
+        return ActionResult(module, choice, asked=True, illegal=illegal, moved=moved, move=move)
 
     def _ask(self, attempt: Attempt) -> Decision:
         self.keeper.ask(0, attempt)

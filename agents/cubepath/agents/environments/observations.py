@@ -30,7 +30,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 
-class Kept:
+class ReusedDicts:
     """The dicts of an environment that keeps them, overwritten by every step."""
 
     def __init__(self, world: ArrayWorld, names: list[str]) -> None:
@@ -74,7 +74,7 @@ def infos_of(observations: dict[str, Observation], illegal: set[str]) -> Infos:
     }
 
 
-class Shown:
+class ObservationEncoder:
     """Turns what the modules of a scene see into what the environment shows."""
 
     def __init__(self, scene: Scene, showing: str) -> None:

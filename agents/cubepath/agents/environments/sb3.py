@@ -12,14 +12,14 @@ import numpy as np
 from gymnasium import spaces
 
 from cubepath.agents.environments.making import parallel_env
-from cubepath.agents.environments.observations import Shown
+from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.policy import (
     ACTIVATIONS,
     FORMAT,
     Layer,
-    Network,
+    PolicyNetwork,
     network_rule,
     read_network,
 )
@@ -71,11 +71,7 @@ def sb3_env(
     InputError if Stable-Baselines3 is missing, or as for `parallel_env`.
     """
     try:
-        from cubepath.agents.environments.sb3_vec_env import (  # noqa: PLC0415 - an extra
-            ArrayWorlds,
-            DictWorlds,
-            ModulesVecEnv,
-        )
+        from cubepath.agents.environments.sb3_vec_env import ArrayWorlds, DictWorlds, ModulesVecEnv  # noqa: PLC0415 - an extra
     except ImportError:
         raise InputError(
             "sb3_env takes Stable-Baselines3: pip install 'cubepath[learning]'"
@@ -108,7 +104,7 @@ def sb3_env(
                 for _ in range(num_envs)
             ]
         )
-    space = Shown(scene, observation).space(0)["observation"]
+    space = ObservationEncoder(scene, observation).space(0)["observation"]
     if not isinstance(space, spaces.Box):
         raise TypeError("an observation is a box of numbers")
     return ModulesVecEnv(worlds, len(scene.start), space, scene.system.move_slots + 1)
@@ -147,7 +143,7 @@ def sb3_rule(name: str, model: Any, *, deterministic: bool = False) -> RuleType:
     return network_rule(name, network, deterministic=deterministic)
 
 
-def _network_of(model: Any) -> Network:
+def _network_of(model: Any) -> PolicyNetwork:
     """Return the part of a model that decides, as numpy has it."""
     try:
         policy, space = model.policy, model.observation_space
@@ -170,4 +166,4 @@ def _network_of(model: Any) -> Network:
                 f"the policy has a part {type(part).__name__}, expected Linear, Tanh and ReLU:"
                 " policy_rule takes any other as a function"
             )
-    return Network("relative" if space.dtype == np.float32 else "absolute", tuple(layers))
+    return PolicyNetwork("relative" if space.dtype == np.float32 else "absolute", tuple(layers))

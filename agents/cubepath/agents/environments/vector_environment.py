@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch, RelativeArrays
 from cubepath.agents.arrays.state import ILLEGAL
-from cubepath.agents.environments.observations import Shown
+from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.local.observation import SILENT
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
@@ -81,7 +81,7 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         self.copy = copy
         self.metadata = {"name": "cubepath_v0", "autoreset_mode": self.autoreset_mode}
         self.batch = Batch(scene, num_envs, note_length=note_length)
-        shown = Shown(scene, observation)
+        shown = ObservationEncoder(scene, observation)
         self._relative = RelativeArrays(self.batch) if shown.relative else None
         self.single_observation_space = _stacked_space(shown.space(note_length), len(scene.start))
         modules = len(scene.start)

@@ -18,14 +18,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import (
-    Act,
-    Message,
-    Observations,
-    Observed,
-    Report,
-    Reports,
-)
+from cubepath.protocol.wire.messages import Act, Message, Observations, Observed, Report, Reports
 from cubepath.protocol.wire.nodes import Keep
 
 

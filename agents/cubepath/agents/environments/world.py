@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from cubepath.agents.local.arbitration import contest, site_after, verdict
-from cubepath.agents.local.notes import LastNote, nothing_said
+from cubepath.agents.local.module import LastNote, nothing_said
 from cubepath.agents.local.observation import (
     STAY,
     Mask,

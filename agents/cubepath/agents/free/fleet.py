@@ -28,10 +28,7 @@ from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.output_files import unwritable, written_whole
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.credentials import (
-    keeper_name,
-    process_name,
-)
+from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 

@@ -33,10 +33,10 @@ from cubepath.protocol.wire.free_messages import (
     heard_of_tile,
     read_free,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Timer
 from cubepath.protocol.wire.sayings import Sayings
-from cubepath.protocol.wire.tiles import Tiles
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
 _SWEEP_S = 1.0

@@ -36,7 +36,7 @@ from cubepath.protocol.wire.free_messages import (
     Moved,
     Turn,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 AGAIN_S, AGAIN_S_MAX = 0.25, 4.0
 """After how long a module asks again what it was not answered, and how rarely at the least."""

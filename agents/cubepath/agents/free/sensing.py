@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Shown, Shows
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 LOOK_S, LOOK_S_MAX = 0.2, 4.0
 """How soon a process looks again at a tile that was not shown, and how rarely at the least."""

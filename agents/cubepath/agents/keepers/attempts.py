@@ -14,7 +14,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Attempt
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 Lock: TypeAlias = tuple[bool, Site]
 """What can be locked: a unit (False), or the register at a place (True)."""
@@ -51,7 +51,7 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class AttemptPlan:
     """An attempt with its chain of keepers, in increasing order, and the share of each."""
 
     attempt: Attempt
@@ -92,7 +92,7 @@ def support_units(system: System, tiles: Tiles, move: Move) -> tuple[frozenset[S
     return touched - written, written
 
 
-def planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
+def planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     """Return what an attempt takes; NotAnAttempt if no module could make it.
 
     What is told to have been sensed must lie within the module's sensing range, and make the move
@@ -125,7 +125,7 @@ def _not_an_attempt(attempt: Attempt, error: Exception) -> NotAnAttempt:
     return NotAnAttempt(f"attempt of module_{attempt.module}: {why}"[:200])
 
 
-def _planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
+def _planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     site = site_from_json(attempt.site)
     own = system.place_of(site)
     system.check_place(own)
@@ -163,7 +163,7 @@ def _planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
     for unit in sensed:
         shares.setdefault(tiles.keeper_of(place_of(unit)), []).append(unit)
     chain = tuple(sorted({*shares, *(tiles.keeper_of(place) for place in notes)}))
-    return Planned(
+    return AttemptPlan(
         attempt,
         site,
         move,

@@ -42,7 +42,7 @@ class Committed(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="co
     decision: Decision
 
 
-class Born(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="born"):
+class JoinedRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="born"):
     """A module has entered."""
 
     enter: Enter
@@ -66,7 +66,7 @@ class Opened(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="opene
     birth: int
 
 
-Record: TypeAlias = Prepared | Decided | Committed | Born | Acknowledged
+Record: TypeAlias = Prepared | Decided | Committed | JoinedRecord | Acknowledged
 _decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(Record | Opened)
 _encode = msgspec.json.Encoder().encode
 _PER_COMMIT = 3

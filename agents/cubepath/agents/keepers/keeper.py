@@ -19,18 +19,18 @@ from msgspec.structs import replace
 
 from cubepath.agents.keepers.attempts import (
     NO_PLACE,
+    AttemptPlan,
     Lock,
     NotAnAttempt,
-    Planned,
     Share,
     held,
     planned,
 )
 from cubepath.agents.keepers.journal import (
     Acknowledged,
-    Born,
     Committed,
     Decided,
+    JoinedRecord,
     Journal,
     Prepared,
     Record,
@@ -59,7 +59,7 @@ from cubepath.protocol.wire.free_messages import (
     Tail,
     Tells,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 LEASE_TICKS, LEASE_TICKS_MAX = 6, 200
 """After so many ticks a keeper asks what became of an attempt, and then ever more rarely. It waits
@@ -83,7 +83,7 @@ class _Pending:
     """An attempt that is prepared here, or waits to be."""
 
     passed: Passed
-    plan: Planned
+    plan: AttemptPlan
     share: Share
     age: int = 0
     due: int = LEASE_TICKS
@@ -374,7 +374,7 @@ class Keeper:
     def _versions(self, units: Iterable[Site]) -> list[tuple[object, int]]:
         return [(to_json(unit), self.units.unit(unit).version) for unit in units]
 
-    def _fenced_off(self, plan: Planned) -> str | None:
+    def _fenced_off(self, plan: AttemptPlan) -> str | None:
         """Return why the module may not act, if its place is here and its fence says so."""
         attempt, place = plan.attempt, self._system.place_of(plan.site)
         if self._tiles.keeper_of(place) != self.me:
@@ -386,7 +386,7 @@ class Keeper:
             return f"fenced off: module_{attempt.module} is in epoch {occupant.epoch}"
         return None
 
-    def _gathered(self, passed: Passed, plan: Planned) -> list[Occupant | None]:
+    def _gathered(self, passed: Passed, plan: AttemptPlan) -> list[Occupant | None]:
         found = list(passed.occupants) or [None] * len(plan.motion)
         for number, (source, _) in enumerate(plan.motion):
             place = self._system.place_of(source)
@@ -394,7 +394,7 @@ class Keeper:
                 found[number] = self.units.occupant(place)
         return found
 
-    def _noted(self, plan: Planned) -> list[tuple[object, Occupant]]:
+    def _noted(self, plan: AttemptPlan) -> list[tuple[object, Occupant]]:
         found = []
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
@@ -427,7 +427,7 @@ class Keeper:
             self._pass(keeper, decision)
         self._give_up(decision.module)
 
-    def _commit(self, passed: Passed, plan: Planned) -> None:
+    def _commit(self, passed: Passed, plan: AttemptPlan) -> None:
         attempt = passed.attempt
         moved, occupants = self._outcome(passed, plan)
         decision = Decision(
@@ -446,7 +446,7 @@ class Keeper:
         self._show_changes()
         self._give_up(decision.module)
 
-    def _carry_out_commit(self, passed: Passed, decision: Decision, plan: Planned) -> None:
+    def _carry_out_commit(self, passed: Passed, decision: Decision, plan: AttemptPlan) -> None:
         self.commits += 1
         if len(plan.chain) > 1:
             owing = dict.fromkeys(plan.chain[:-1])
@@ -454,11 +454,13 @@ class Keeper:
         self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
         self._apply(decision, plan)
 
-    def _apply(self, decision: Decision, plan: Planned) -> None:
+    def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
         if decision.moved is not None:
             self.units.apply(decision.moved, plan.shares[self.me], sites_in(decision.occupants))
 
-    def _outcome(self, passed: Passed, plan: Planned) -> tuple[Moved, list[tuple[Site, Occupant]]]:
+    def _outcome(
+        self, passed: Passed, plan: AttemptPlan
+    ) -> tuple[Moved, list[tuple[Site, Occupant]]]:
         """Return what is committed, and the modules that it changes as they are from now on."""
         attempt = passed.attempt
         notes: dict[int, Register | None] = {}
@@ -707,7 +709,7 @@ class Keeper:
                 self._inquire(self._prepared[module])
                 return
         if enter.birth > occupant.birth:
-            self._journal.append(Born(enter))
+            self._journal.append(JoinedRecord(enter))
             self._be_born(enter)
         site = self.units.site_of(enter.module)
         known = self.units.occupant(place)
@@ -752,7 +754,7 @@ class Keeper:
                 self._carry_out_commit(passed, decision, plan)
             case Decided(decision=decision):
                 self._decided_before(decision)
-            case Born(enter=enter):
+            case JoinedRecord(enter=enter):
                 self._be_born(enter)
             case Acknowledged():
                 self._forget(record.keeper, (record.module, record.epoch, record.number))

@@ -15,8 +15,8 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.shell import run_node, serve
-from cubepath.protocol.wire.tiles import Tiles
 
 
 def keep(config: KeeperConfig) -> None:

@@ -14,7 +14,7 @@ from cubepath.agents.keepers.attempts import Share
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Moved, Occupant, Shown
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 
 @dataclass(slots=True)

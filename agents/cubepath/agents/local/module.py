@@ -1,4 +1,6 @@
-"""One module of the lockstep protocol, as a pure machine: messages in, messages out.
+"""When a module tells others its rule's notes.
+
+Pure, like `arbitration`: `ModuleCore` and `World` both use it.
 
 It holds only what the module was told in this round; it opens no session, reads no clock, and gives
 the same answers in whatever order messages arrive. Its decisions come from the functions of
@@ -9,6 +11,7 @@ the same answers in whatever order messages arrive. Its decisions come from the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 from cubepath.agents.local.arbitration import (
     UNCONTESTED,
@@ -20,7 +23,6 @@ from cubepath.agents.local.arbitration import (
     verdict,
     waiting_for,
 )
-from cubepath.agents.local.notes import nothing_said
 from cubepath.agents.local.observation import (
     Note as NoteNumbers,
     Observation,
@@ -42,6 +44,33 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     kind_of,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class LastNote:
+    """The last note of a module's rule, a fixed number of integers; none for a silent rule.
+
+    The module sends it from its current site at the beginning of each round after the rule's first
+    choice. It is zeros until the rule has chosen with a note.
+    """
+
+    numbers: NoteNumbers
+    first_choice: int
+    """The round in which the rule chooses for the first time; until then it has said nothing."""
+
+    def said_in(self, round_number: int) -> NoteNumbers | None:
+        """Return what the module says at the beginning of a round; None if it says nothing."""
+        return self.numbers if self.numbers and round_number > self.first_choice else None
+
+    def replaced_by(self, note: NoteNumbers | None) -> LastNote:
+        """Return the last note after a choice with this note; None or empty leaves it unchanged."""
+        return replace(self, numbers=note) if note else self
+
+
+def nothing_said(note_length: int, *, first_choice: int) -> LastNote:
+    """Return the note of a rule that will choose for the first time in round `first_choice`."""
+    return LastNote((0,) * note_length, first_choice)
+
 
 _COUNTS_IN = {
     "here": ("sense",),

@@ -29,17 +29,17 @@ from typing import Literal, Self, TypeAlias
 
 from cubepath.agents.locality.fork_server import PATIENCE_S, ForkServer
 from cubepath.agents.locality.plays import (
-    Access,
-    Answer,
     Conditions,
-    Fit,
-    Life,
+    FitQuestion,
+    ModuleLife,
+    ModuleReplay,
+    OutsideAccess,
     Play,
-    Replay,
-    Task,
-    Together,
+    PlayResult,
+    PlayTask,
+    WholeRun,
 )
-from cubepath.agents.locality.surroundings import Changes
+from cubepath.agents.locality.surroundings import ChangedWorlds
 from cubepath.agents.rules.registry import is_in_file
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.given import seconds
@@ -139,7 +139,7 @@ class Difference:
 class Evidence:
     """What was found in all scenes, in the order in which it was."""
 
-    accesses: set[Access] = field(default_factory=set)
+    accesses: set[OutsideAccess] = field(default_factory=set)
     depends: dict[Kind, str] = field(default_factory=dict)
     """By kind the first difference, in words."""
     changed: set[str] = field(default_factory=set)
@@ -167,12 +167,12 @@ class Evidence:
             elif kind in self.depends:
                 yield Finding(kind, f"{DEPENDS[kind]}: {self.depends[kind]}")
 
-    def accesses_of(self, kind: Kind) -> list[Access]:
+    def accesses_of(self, kind: Kind) -> list[OutsideAccess]:
         """Return the accesses of a kind."""
         return [each for each in self.accesses if each.kind == kind]
 
 
-def difference(run: Mapping[int, Life], other: Mapping[int, Life]) -> Difference | None:
+def difference(run: Mapping[int, ModuleLife], other: Mapping[int, ModuleLife]) -> Difference | None:
     """Return the first choice that differs, by round and module; None if there is none.
 
     A play may have fewer modules than the run; its rounds count as far as both go, and up to the
@@ -206,7 +206,7 @@ TIMEOUT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class LocalityReport:
     """What came of checking a rule in some scenes."""
 
     rule: str
@@ -262,7 +262,7 @@ _ELSEWHERE = _Variant("reach", "where modules beyond its reach are elsewhere")
 _FEWER = _Variant("reach", "where modules beyond its reach are gone, and others there")
 
 
-class Stage:
+class PlayProcesses:
     """The processes that rules are played in: a context manager.
 
     Tasks are played at the same time, as many as there are processors.
@@ -289,15 +289,15 @@ class Stage:
 
     def submit(
         self, rule: str, play: Play, conditions: Conditions, server: int, clock: str
-    ) -> Future[Answer]:
+    ) -> Future[PlayResult]:
         """Let a task be played in a new process that begins in a new folder."""
         self._folders += 1
         folder = self._folder / str(self._folders)
         folder.mkdir()
-        task = Task(rule, play, conditions, str(folder), clock)
+        task = PlayTask(rule, play, conditions, str(folder), clock)
         return self._pool.submit(self._play, self._servers[server], task)
 
-    def _play(self, server: ForkServer, task: Task) -> Answer:
+    def _play(self, server: ForkServer, task: PlayTask) -> PlayResult:
         left_s = self._deadline - time.monotonic()
         found = server.play(task, min(PATIENCE_S, left_s)) if left_s > 0 else None
         if found is None or (found.late and left_s < PATIENCE_S):
@@ -310,7 +310,7 @@ class Checker:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: PlayProcesses,
         rule: str,
         *,
         seed: int,
@@ -359,11 +359,7 @@ class Checker:
         for alone, elsewhere, fewer in replays:
             pairs = [
                 self._compared(spec, variant, run, answer.result())
-                for variant, answer in (
-                    (_ALONE, alone),
-                    (_ELSEWHERE, elsewhere),
-                    (_FEWER, fewer),
-                )
+                for variant, answer in ((_ALONE, alone), (_ELSEWHERE, elsewhere), (_FEWER, fewer))
             ]
             # State that modules share changes with their number; that alone shows no more.
             by_number = pairs[0] is not None and pairs[1] is None
@@ -378,7 +374,7 @@ class Checker:
 
     def fitting(self, specs: Sequence[str]) -> list[str]:
         """Return the scenes that the rule is for; InputError if there is none, or no such rule."""
-        found = self._submit(Fit(tuple(specs)), _USUAL).result()
+        found = self._submit(FitQuestion(tuple(specs)), _USUAL).result()
         if found.unfit is not None:
             raise InputError(found.unfit)
         if found.broken is not None:
@@ -398,9 +394,9 @@ class Checker:
         if unfit is not None and not self._specs:
             raise unfit
 
-    def checked(self) -> Checked:
+    def checked(self) -> LocalityReport:
         """Return what has been found so far."""
-        return Checked(
+        return LocalityReport(
             rule=self._shown,
             seed=self._seed,
             systems=tuple(self._specs),
@@ -411,28 +407,33 @@ class Checker:
             clock=self._clock,
         )
 
-    def _run(self, scene: Scene) -> Together:
+    def _run(self, scene: Scene) -> WholeRun:
         seed = Random(f"{self._seed}/{scene.spec}/run").randrange(_SEEDS)  # noqa: S311
-        return Together(scene, seed, _HESITATE, _ROUNDS)
+        return WholeRun(scene, seed, _HESITATE, _ROUNDS)
 
-    def _submit(self, play: Play, conditions: Conditions, server: int = 0) -> Future[Answer]:
+    def _submit(self, play: Play, conditions: Conditions, server: int = 0) -> Future[PlayResult]:
         found = self._stage.submit(self._rule, play, conditions, server, self._clock)
         found.add_done_callback(lambda _: self._progress())
         return found
 
-    def _replays(self, scene: Scene, run: Answer, module: int) -> list[Future[Answer]]:
+    def _replays(self, scene: Scene, run: PlayResult, module: int) -> list[Future[PlayResult]]:
         """Let a module be asked again: alone, in other surroundings, with fewer and more others."""
         life = run.lives[module]
-        changes = Changes(scene, life, run.sites, Random(f"{self._seed}/{scene.spec}/{module}"))  # noqa: S311
+        changes = ChangedWorlds(
+            scene,
+            life,
+            run.sites,
+            Random(f"{self._seed}/{scene.spec}/{module}"),  # noqa: S311
+        )
         plays = [
-            Replay(scene, life),
-            Replay(scene, life, changes.elsewhere()),
-            Replay(scene, life, changes.fewer_and_more()),
+            ModuleReplay(scene, life),
+            ModuleReplay(scene, life, changes.elsewhere()),
+            ModuleReplay(scene, life, changes.fewer_and_more()),
         ]
         self._changes += changes.count
         return [self._submit(play, _USUAL) for play in plays]
 
-    def _gathered(self, spec: str, how: str, answer: Answer) -> bool:
+    def _gathered(self, spec: str, how: str, answer: PlayResult) -> bool:
         """Keep what a play shows by itself; return whether it came to an end."""
         self._evidence.accesses |= answer.accesses
         self._evidence.changed |= set(answer.changed)
@@ -443,7 +444,7 @@ class Checker:
         return broken is None
 
     def _compared(
-        self, spec: str, variant: _Variant, run: Answer, other: Answer
+        self, spec: str, variant: _Variant, run: PlayResult, other: PlayResult
     ) -> tuple[_Variant, str] | None:
         """Return the variant with the first difference in words; None if there is none."""
         if not self._gathered(spec, variant.how, other):
@@ -452,7 +453,7 @@ class Checker:
         found = difference(run.lives, other.lives)
         return None if found is None else (variant, told(spec, found, variant.how, self._clock))
 
-    def _look_for_errors(self, spec: str, run: Answer) -> None:
+    def _look_for_errors(self, spec: str, run: PlayResult) -> None:
         for module, life in run.lives.items():
             error = life.choices[-1].error if life.choices else None
             if error is not None:
@@ -463,7 +464,7 @@ class Checker:
                 self._evidence.add("fails", f"module_{module} of {spec} raises {error} {when}")
 
 
-def _spread(lives: Mapping[int, Life], most: int) -> list[int]:
+def _spread(lives: Mapping[int, ModuleLife], most: int) -> list[int]:
     """Return some of the modules, spread over their numbers."""
     modules = sorted(lives)
     step = max(1, -(-len(modules) // most))
@@ -478,7 +479,7 @@ def check_rule(
     clock: str = "lockstep",
     timeout_s: float = TIMEOUT_S,
     progress: Callable[[], object] = lambda: None,
-) -> Checked:
+) -> LocalityReport:
     """Return what is found of a rule, a name or FILE.py:NAME, in scenes under a clock.
 
     By default these are a small and a larger scene of each family that it is for. `progress` is
@@ -493,7 +494,7 @@ def check_rule(
     if clock not in PERIOD:
         raise InputError(f"clock={clock!r}: expected one of {', '.join(PERIOD)}")
     timeout_s = seconds("timeout_s", timeout_s)
-    with Stage(seed, timeout_s) as stage:
+    with PlayProcesses(seed, timeout_s) as stage:
         checker = Checker(stage, rule, seed=seed, progress=progress, clock=clock)
         try:
             if systems is None:

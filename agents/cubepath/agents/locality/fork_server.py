@@ -19,7 +19,7 @@ from contextlib import suppress
 from typing import Self
 
 from cubepath.agents.locality.playing import played
-from cubepath.agents.locality.plays import Answer, Task
+from cubepath.agents.locality.plays import PlayResult, PlayTask
 from cubepath.protocol.core.errors import InputError
 
 PATIENCE_S = 60.0
@@ -56,7 +56,7 @@ class ForkServer:
             os.killpg(self._server.pid, signal.SIGKILL)  # with all that it has forked
         self._server.wait()
 
-    def play(self, task: Task, patience_s: float = PATIENCE_S) -> Answer:
+    def play(self, task: PlayTask, patience_s: float = PATIENCE_S) -> PlayResult:
         """Return what comes of a task in a process of its own; threads may call it."""
         ours, theirs = socket.socketpair()
         with ours:
@@ -66,11 +66,11 @@ class ForkServer:
                 ours.sendall(_framed(pickle.dumps(task)))
                 data = _received(ours, time.monotonic() + patience_s)
             except TimeoutError:
-                return Answer(broken=f"gave no answer for {patience_s:.0f} s", late=True)
+                return PlayResult(broken=f"gave no answer for {patience_s:.0f} s", late=True)
             except (EOFError, OSError):
-                return Answer(broken="ended its process")
+                return PlayResult(broken="ended its process")
         found = pickle.loads(data)  # noqa: S301 - from our own process
-        if not isinstance(found, Answer):
+        if not isinstance(found, PlayResult):
             raise TypeError(f"expected an answer, found {found!r}")
         return found
 
@@ -99,13 +99,13 @@ def _exactly(pipe: socket.socket, count: int, until: float | None) -> bytes:
 
 def _child(pipe: socket.socket) -> None:
     """Play the one task of this process."""
-    task: Task = pickle.loads(_received(pipe))  # noqa: S301 - from our own process
+    task: PlayTask = pickle.loads(_received(pipe))  # noqa: S301 - from our own process
     try:
         answer = played(task)
     except InputError as error:
-        answer = Answer(unfit=str(error))
+        answer = PlayResult(unfit=str(error))
     except Exception as error:  # noqa: BLE001 - a rule may have changed anything
-        answer = Answer(broken=f"{type(error).__name__}: {error}")
+        answer = PlayResult(broken=f"{type(error).__name__}: {error}")
     pipe.sendall(_framed(pickle.dumps(answer)))
 
 

@@ -17,14 +17,14 @@ from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
 from cubepath.agents.locality.plays import (
-    Answer,
-    Chosen,
-    Fit,
-    Life,
-    Replay,
+    FitQuestion,
+    ModuleLife,
+    ModuleReplay,
+    PlayResult,
+    PlayTask,
+    RuleChoice,
     Surroundings,
-    Task,
-    Together,
+    WholeRun,
 )
 from cubepath.agents.locality.surroundings import surrounding_scene
 from cubepath.agents.locality.traps import Traps, place
@@ -38,7 +38,7 @@ _NOBODY = -1
 """Instead of a module: the rule's file is loaded for all."""
 
 
-def played(task: Task) -> Answer:
+def played(task: PlayTask) -> PlayResult:
     """Play a task; it changes the process for good."""
     os.chdir(task.folder)
     _surround(task.conditions.environment)
@@ -53,25 +53,25 @@ def played(task: Task) -> Answer:
             f"not for the {task.clock} clock: rule {task.rule!r}, expected one that says why it"
             " holds there"
         )
-    if isinstance(task.play, Fit):
-        return Answer(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
+    if isinstance(task.play, FitQuestion):
+        return PlayResult(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
     if not rule.is_for(task.play.scene.system):
         raise InputError(f"{task.play.scene.spec}: not for this system: rule {task.rule!r}")
     traps.home = _home_of(module, home)
     before = _globals(module)
     sites: list[tuple[Any, ...]]
     try:
-        if not isinstance(task.play, Together):
+        if not isinstance(task.play, WholeRun):
             lives, sites = _replayed(task.play, rule, traps, task.clock), []
         elif task.clock == "free":
             lives, sites = _in_turns(task.play, rule, traps)
         else:
             lives, sites = _together(task.play, rule, traps)
     except InputError as error:  # from a rule that is not for this scene
-        return Answer(unfit=str(error), accesses=frozenset(traps.accesses))
+        return PlayResult(unfit=str(error), accesses=frozenset(traps.accesses))
     after = _globals(module)
     changed = tuple(name for name in sorted(after) if before.get(name) != after[name])
-    return Answer(lives, sites, frozenset(traps.accesses), changed)
+    return PlayResult(lives, sites, frozenset(traps.accesses), changed)
 
 
 def _surround(environment: int) -> None:
@@ -123,15 +123,15 @@ def _globals(module: Any) -> dict[str, str]:
     return found
 
 
-def _ask(actor: Actor | None, seen: Observation) -> Chosen:
+def _ask(actor: Actor | None, seen: Observation) -> RuleChoice:
     """Ask a rule; an error is a choice too, so that errors can be compared."""
     if actor is None:
-        return Chosen(error="not made")
+        return RuleChoice(error="not made")
     try:
         choice = actor.act({key: array.copy() for key, array in seen.items()})
     except RuleError as error:
-        return Chosen(error=_type_of(error))
-    return Chosen(
+        return RuleChoice(error=_type_of(error))
+    return RuleChoice(
         choice.action,
         choice.note,
         choice.failed,
@@ -149,22 +149,22 @@ def _type_of(error: RuleError) -> str:
 
 
 def _made(
-    rule: RuleType, knowledge: InitialKnowledge, life: Life, traps: Traps, clock: str
+    rule: RuleType, knowledge: InitialKnowledge, life: ModuleLife, traps: Traps, clock: str
 ) -> Actor | None:
     with traps.asking(life.module, 0):
         try:
             return Actor(rule, knowledge, clock=clock)
         except RuleError as error:
-            life.choices.append(Chosen(error=_type_of(error)))
+            life.choices.append(RuleChoice(error=_type_of(error)))
             return None
 
 
 def _all_made(
-    play: Together, rule: RuleType, traps: Traps, clock: str
-) -> tuple[dict[int, Life], dict[int, Actor | None]]:
+    play: WholeRun, rule: RuleType, traps: Traps, clock: str
+) -> tuple[dict[int, ModuleLife], dict[int, Actor | None]]:
     """Make the rule for all modules, in the order of the play."""
     numbers = range(len(play.scene.start))
-    lives: dict[int, Life] = {}
+    lives: dict[int, ModuleLife] = {}
     actors: dict[int, Actor | None] = {}
     for module in reversed(numbers) if play.backwards else numbers:
         knowledge = _knowledge(play.scene, module, play.seed)
@@ -174,8 +174,8 @@ def _all_made(
 
 
 def _together(
-    play: Together, rule: RuleType, traps: Traps
-) -> tuple[dict[int, Life], list[tuple[Any, ...]]]:
+    play: WholeRun, rule: RuleType, traps: Traps
+) -> tuple[dict[int, ModuleLife], list[tuple[Any, ...]]]:
     scene = play.scene
     numbers = list(range(len(scene.start)))
     order = numbers[::-1] if play.backwards else numbers
@@ -204,8 +204,8 @@ def _together(
 
 
 def _in_turns(
-    play: Together, rule: RuleType, traps: Traps
-) -> tuple[dict[int, Life], list[tuple[Any, ...]]]:
+    play: WholeRun, rule: RuleType, traps: Traps
+) -> tuple[dict[int, ModuleLife], list[tuple[Any, ...]]]:
     """Play without rounds; who acts when follows from the seed alone."""
     scene = play.scene
     lives, actors = _all_made(play, rule, traps, "free")
@@ -231,7 +231,7 @@ def _in_turns(
     return {module: lives[module] for module in sorted(lives)}, sites
 
 
-def _choice(chosen: Chosen) -> Choice:
+def _choice(chosen: RuleChoice) -> Choice:
     return Choice(
         chosen.action,
         chosen.note,
@@ -252,8 +252,8 @@ def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
     )
 
 
-def _life(knowledge: InitialKnowledge) -> Life:
-    return Life(
+def _life(knowledge: InitialKnowledge) -> ModuleLife:
+    return ModuleLife(
         module=knowledge.module,
         modules=knowledge.modules,
         start=knowledge.start,
@@ -262,7 +262,9 @@ def _life(knowledge: InitialKnowledge) -> Life:
     )
 
 
-def _replayed(play: Replay, rule: RuleType, traps: Traps, clock: str) -> dict[int, Life]:
+def _replayed(
+    play: ModuleReplay, rule: RuleType, traps: Traps, clock: str
+) -> dict[int, ModuleLife]:
     recorded = play.life
     knowledge = InitialKnowledge(
         system=play.scene.system,
@@ -304,7 +306,7 @@ class _Others:
         self,
         scene: Scene,
         around: Surroundings | None,
-        life: Life,
+        life: ModuleLife,
         rule: RuleType,
         traps: Traps,
         *,

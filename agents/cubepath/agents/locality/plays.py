@@ -30,7 +30,7 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class RuleChoice:
     """What a rule chose in a round or turn, or the type of the error that ended it."""
 
     action: int = 0
@@ -41,7 +41,7 @@ class Chosen:
     heeds: tuple[Site, ...] | None = None
     exchanges: tuple[tuple[Site, Note], ...] | None = None
 
-    def beside(self, other: Chosen) -> tuple[str, str]:
+    def beside(self, other: RuleChoice) -> tuple[str, str]:
         """Return in words what differs between this choice and another."""
         for mine, yours, word in (
             (self.error, other.error, "error"),
@@ -62,7 +62,7 @@ def _said(word: str, what: object) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Life:
+class ModuleLife:
     """All that a module knew and saw in a run, and what it chose; a list has an entry a round.
 
     Under the free clock it has one for each turn of the module. `before` says for each how many
@@ -76,12 +76,12 @@ class Life:
     goals: tuple[Site, ...]
     key: int
     observations: list[Observation] = field(default_factory=list)
-    choices: list[Chosen] = field(default_factory=list)
+    choices: list[RuleChoice] = field(default_factory=list)
     before: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
-class Together:
+class WholeRun:
     """A whole run in one process; `backwards` asks the module with the highest number first."""
 
     scene: Scene
@@ -109,29 +109,29 @@ class Surroundings:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class ModuleReplay:
     """One module is asked again with what it saw, alone or among others in `surroundings`.
 
     The others are asked too, with what they see there; what they choose does not count.
     """
 
     scene: Scene
-    life: Life
+    life: ModuleLife
     surroundings: Surroundings | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class FitQuestion:
     """Nothing is played: the rule is asked which of the scenes it is for."""
 
     specs: tuple[str, ...]
 
 
-Play: TypeAlias = Together | Replay | Fit
+Play: TypeAlias = WholeRun | ModuleReplay | FitQuestion
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class PlayTask:
     """A play for a process of its own, which it begins in an empty `folder`."""
 
     rule: str
@@ -142,7 +142,7 @@ class Task:
 
 
 @dataclass(frozen=True, order=True, slots=True)
-class Access:
+class OutsideAccess:
     """Something outside the module that the rule's code has used: what, and in which line."""
 
     kind: str
@@ -151,7 +151,7 @@ class Access:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PlayResult:
     """What came of a task.
 
     `sites` are where modules were before each round of a whole run, or each turn. `changed` names
@@ -160,9 +160,9 @@ class Answer:
     came to an end; it is `late` if the rule gave no answer.
     """
 
-    lives: dict[int, Life] = field(default_factory=dict)
+    lives: dict[int, ModuleLife] = field(default_factory=dict)
     sites: list[tuple[Site, ...]] = field(default_factory=list)
-    accesses: frozenset[Access] = frozenset()
+    accesses: frozenset[OutsideAccess] = frozenset()
     changed: tuple[str, ...] = ()
     specs: tuple[str, ...] = ()
     unfit: str | None = None

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence, Set as AbstractSet
 from dataclasses import replace
 from random import Random
 
-from cubepath.agents.locality.plays import Life, Setting, Surroundings
+from cubepath.agents.locality.plays import ModuleLife, Setting, Surroundings
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -43,14 +43,14 @@ def within_reach(system: System, place: Site) -> frozenset[Site]:
     return frozenset([place, *sensed, *system.reach(place)])
 
 
-class Changes:
+class ChangedWorlds:
     """Makes surroundings for one module of a run, from a source of random choices.
 
     `sites` are those of all modules before each round or turn of the run.
     """
 
     def __init__(
-        self, scene: Scene, life: Life, sites: Sequence[Sequence[Site]], random: Random
+        self, scene: Scene, life: ModuleLife, sites: Sequence[Sequence[Site]], random: Random
     ) -> None:
         """Change nothing yet; `count` says how many sites were changed, over all rounds."""
         self.count = 0

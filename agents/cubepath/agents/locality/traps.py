@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.locality.plays import Access, Conditions
+from cubepath.agents.locality.plays import Conditions, OutsideAccess
 from cubepath.agents.rules.policy import read_network
 
 CLOCK, RANDOM, PROCESS, ENVIRONMENT = "clock", "random", "process", "environment"
@@ -93,7 +93,7 @@ class Traps:
 
     def __init__(self, conditions: Conditions, home: Callable[[str], bool]) -> None:
         """Note nothing yet; `install` sets the traps."""
-        self.accesses: set[Access] = set()
+        self.accesses: set[OutsideAccess] = set()
         self.home = home
         self._conditions = conditions
         self._asked: tuple[int, int] | None = None
@@ -140,7 +140,7 @@ class Traps:
         try:
             where = self._where(kind)
             if where is not None:
-                self.accesses.add(Access(kind, what, where))
+                self.accesses.add(OutsideAccess(kind, what, where))
         finally:
             self._busy = False
 

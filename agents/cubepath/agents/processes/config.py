@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from cubepath.agents.rules.schedule import Recorded
+from cubepath.agents.rules.schedule import RecordedChoices
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
@@ -29,7 +29,7 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     note_length: int
     schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
-    recorded: Recorded | None = None
+    recorded: RecordedChoices | None = None
     """What its modules chose in a run on record, and choose again until that is over."""
     credentials: Credentials = GUEST
     """By what it shows who it is; a process elsewhere has its own."""

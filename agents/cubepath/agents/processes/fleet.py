@@ -24,7 +24,7 @@ from cubepath.agents.processes.network import NetworkConfig, Way, straight
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.remote_processes import RemoteProcesses
 from cubepath.agents.rules.registry import rule_named
-from cubepath.agents.rules.schedule import Recorded
+from cubepath.agents.rules.schedule import RecordedChoices
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.system import Scene
@@ -148,7 +148,7 @@ class LockstepFleet(ProcessFleet):
         processes: int = 2,
         note_length: int = 0,
         schedule: Mapping[int, OwnMoves] | None = None,
-        recorded: Recorded | None = None,
+        recorded: RecordedChoices | None = None,
         patience_s: float = PATIENCE_S,
         network: NetworkConfig = _PRIVATE,
         sink: Sink | None = None,
@@ -269,11 +269,7 @@ class LockstepFleet(ProcessFleet):
     def _wait_for_joiners(self, expected: int) -> list[list[int]]:
         """Show that the run is there, and wait for remote processes; return the modules of each."""
         joiners = self._joiners = RemoteProcesses(
-            self.endpoint,
-            self.run,
-            len(self.scene.start),
-            expected,
-            self.credentials(),
+            self.endpoint, self.run, len(self.scene.start), expected, self.credentials()
         )
         self._resources.callback(joiners.close)
 

@@ -28,7 +28,7 @@ from cubepath.agents.rendering.pen import (
     Points,
     Spot,
 )
-from cubepath.agents.rendering.style import Body, Layer, Moving, Pivot
+from cubepath.agents.rendering.style import Body, Layer, MovingPart, Pivot
 from cubepath.agents.rendering.styles import style_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
@@ -50,7 +50,7 @@ _WIDE = 1.5
 
 
 @dataclass(slots=True)
-class Drawn:
+class DrawnShapes:
     """What was drawn on a list.
 
     Each of `ops` is a fill, lines or words, in order:
@@ -73,7 +73,7 @@ class _ListCanvas:
     limits_lines = False
 
     def __init__(self) -> None:
-        self.drawn = Drawn()
+        self.drawn = DrawnShapes()
         self._numbers: dict[bytes, int] = {}
 
     def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
@@ -139,17 +139,17 @@ def colour_text(colour: Colour) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Still:
+class Backdrop:
     """All of a picture that moves but the modules, and how these look at their sites.
 
     `behind` and `before` the modules lies what never changes, in the frame `box`.
     """
 
     box: Box
-    behind: Drawn
-    before: Drawn
+    behind: DrawnShapes
+    before: DrawnShapes
     _scene: Scene
-    _moving: Moving
+    _moving: MovingPart
 
     @property
     def outline(self) -> list[float]:
@@ -176,7 +176,7 @@ class Still:
         return self._moving.pivot(action, place_of(source), place_of(target))
 
 
-def still(scene: Scene, visited: Iterable[Site] = ()) -> Still:
+def still(scene: Scene, visited: Iterable[Site] = ()) -> Backdrop:
     """Return what a picture that moves is made of, in a frame that holds the visited sites.
 
     InputError as for pictures: where a system has no style, or a place cannot be drawn.
@@ -191,10 +191,10 @@ def still(scene: Scene, visited: Iterable[Site] = ()) -> Still:
         box = _widened(box)
     moving = style.moving
     behind, before = (_drawn(layer, scene, box) for layer in (moving.behind, moving.before))
-    return Still(box, behind, before, scene, moving)
+    return Backdrop(box, behind, before, scene, moving)
 
 
-def _drawn(layer: Layer, scene: Scene, box: Box) -> Drawn:
+def _drawn(layer: Layer, scene: Scene, box: Box) -> DrawnShapes:
     canvas = _ListCanvas()
     layer(Pen(canvas, box, 1.0, LIGHT), scene)
     return canvas.drawn

@@ -17,8 +17,8 @@ import numpy as np
 from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Points, Shot, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
-    Look,
     PlacePen,
+    PlaceShape,
     disc,
     disc_solid,
     draw_goals,
@@ -31,7 +31,14 @@ from cubepath.agents.rendering.places import (
     place_pen,
     square_solid,
 )
-from cubepath.agents.rendering.style import Moving, Pivot, Style, cell_of, known_places, marks_of
+from cubepath.agents.rendering.style import (
+    MovingPart,
+    Pivot,
+    Style,
+    cell_of,
+    known_places,
+    marks_of,
+)
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
 from cubepath.protocol.core.sites import Site
@@ -140,7 +147,7 @@ def _draw_cells(
     moved: Mapping[int, Site],
     words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
     *,
-    look: Look,
+    look: PlaceShape,
     rows: _Rows,
     on_map: bool,
 ) -> None:
@@ -149,11 +156,11 @@ def _draw_cells(
     draw_places(places, scene, sites, moved, words)
 
 
-def _behind(pen: Pen, scene: Scene, *, look: Look, rows: _Rows, on_map: bool) -> None:
+def _behind(pen: Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bool) -> None:
     (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
 
 
-def _before(pen: Pen, scene: Scene, *, look: Look) -> None:
+def _before(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
     draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
 
 
@@ -275,8 +282,8 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
     return "\n".join(lines)
 
 
-def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
-    moving = Moving(
+def _style(look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
+    moving = MovingPart(
         behind=partial(_behind, look=look, rows=rows, on_map=on_map),
         before=partial(_before, look=look),
         body=partial(place_body, look),
@@ -296,16 +303,16 @@ def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = Fa
 
 
 HEXAGONS = _style(
-    Look(_HEXAGON_ROWS.middle, lambda kind, _: _hexagon(kind), _MARGIN),
+    PlaceShape(_HEXAGON_ROWS.middle, lambda kind, _: _hexagon(kind), _MARGIN),
     _HEXAGON_ROWS,
     hexagons=True,
 )
-SQUARES = _style(Look(_SQUARE_ROWS.middle, lambda kind, _: _square(kind), _MARGIN), _SQUARE_ROWS)
+SQUARES = _style(
+    PlaceShape(_SQUARE_ROWS.middle, lambda kind, _: _square(kind), _MARGIN), _SQUARE_ROWS
+)
 MAP = _style(
-    Look(
-        _MAP_ROWS.middle,
-        lambda kind, _: disc(kind) if kind == "module" else _square(kind),
-        _MARGIN,
+    PlaceShape(
+        _MAP_ROWS.middle, lambda kind, _: disc(kind) if kind == "module" else _square(kind), _MARGIN
     ),
     _MAP_ROWS,
     on_map=True,

@@ -23,7 +23,7 @@ from cubepath.agents.rendering.pen import (
     Spot,
     arcs,
 )
-from cubepath.agents.rendering.style import Body, Moving, Solid, Style, bar, readable, spot_of
+from cubepath.agents.rendering.style import Body, MovingPart, Solid, Style, bar, readable, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System
@@ -228,5 +228,5 @@ CHORDS = Style(
     draw=_draw,
     marks=_marks,
     solid=_solid,
-    moving=Moving(_behind, _points, _body, thick=_THICK),
+    moving=MovingPart(_behind, _points, _body, thick=_THICK),
 )

@@ -34,8 +34,8 @@ from cubepath.agents.rendering.pen import (
 )
 from cubepath.agents.rendering.places import (
     FREE_MAX,
-    Look,
     PlacePen,
+    PlaceShape,
     draw_modules,
     extent_of,
     frame_of,
@@ -46,7 +46,7 @@ from cubepath.agents.rendering.style import (
     GOAL_MARK,
     MODULE_MARK,
     Body,
-    Moving,
+    MovingPart,
     Solid,
     Style,
     bar,
@@ -128,7 +128,7 @@ def _outline(kind: str, place: Site) -> Points:
     return _flat(kind)[:, ::-1] if upright else _flat(kind)
 
 
-_LOOK = Look(_middle, _outline, 0.7)
+_LOOK = PlaceShape(_middle, _outline, 0.7)
 _MARK = 0.34
 """The diameter of a mark."""
 _DARK: Colour = (0.133, 0.145, 0.165)
@@ -250,7 +250,7 @@ EDGES = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=Moving(_behind, _nothing, _body, thick=0.3, joints=True),
+    moving=MovingPart(_behind, _nothing, _body, thick=0.3, joints=True),
     solid=_solid,
     colours=_colours,
 )

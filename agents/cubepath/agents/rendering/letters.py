@@ -26,7 +26,15 @@ from cubepath.agents.rendering.pen import (
     arcs,
     palette,
 )
-from cubepath.agents.rendering.style import Body, Moving, Solid, Style, box_at, readable, spot_of
+from cubepath.agents.rendering.style import (
+    Body,
+    MovingPart,
+    Solid,
+    Style,
+    box_at,
+    readable,
+    spot_of,
+)
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 
@@ -211,7 +219,7 @@ LETTERS = Style(
     extent=_frame,
     draw=_draw,
     marks=_marks,
-    moving=Moving(_behind, _before, _body, outline=_box(1.0, (0.0, 0.0))),
+    moving=MovingPart(_behind, _before, _body, outline=_box(1.0, (0.0, 0.0))),
     solid=_solid,
     colours=_colours,
 )

@@ -40,7 +40,7 @@ _HEXAGON, _DISC = 0.93, 0.76
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class PlaceShape:
     """The middle of a place, y upwards, and the shape of the place around it.
 
     The shape depends on the kind: "module", "goal" or "cell". `margin` is the distance from the
@@ -57,7 +57,7 @@ class PlacePen(Pen):
     """Draws places of a system."""
 
     system: System
-    look: Look
+    look: PlaceShape
 
     def middle(self, place: Site) -> Spot:
         """Return the middle of a place."""
@@ -69,7 +69,7 @@ class PlacePen(Pen):
         self.shapes(shapes, **style)
 
 
-def place_pen(pen: Pen, system: System, look: Look) -> PlacePen:
+def place_pen(pen: Pen, system: System, look: PlaceShape) -> PlacePen:
     """Return a pen for the places of a system on the same axes."""
     return PlacePen(pen.canvas, pen.box, pen.scale, pen.theme, system, look)
 
@@ -80,7 +80,7 @@ def disc(kind: str) -> Points:
     return arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
 
 
-def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
+def frame_of(look: PlaceShape, scene: Scene, also: Iterable[Site]) -> Box:
     """Return the frame around the places of a scene and some further sites.
 
     On an endless lattice there is room for one more module on every side of the scene, so modules
@@ -96,7 +96,7 @@ def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def extent_of(look: Look, scene: Scene, visited: Iterable[Site]) -> Box:
+def extent_of(look: PlaceShape, scene: Scene, visited: Iterable[Site]) -> Box:
     """Return the frame around start, goal and the visited places, with a cell to spare.
 
     A workspace that is not much larger is shown whole.
@@ -139,23 +139,23 @@ def draw_places(
             pen.write(pen.middle(places[number]), word, colours[number])
 
 
-def place_body(look: Look, scene: Scene, site: Site) -> Body:
+def place_body(look: PlaceShape, scene: Scene, site: Site) -> Body:
     """Return how a module looks at a site: a cell."""
     at = look.middle(scene.system, scene.system.place_of(site))
     return Body("cell", at, at)
 
 
-def hexagon_solid(look: Look, system: System, site: Site) -> Solid:
+def hexagon_solid(look: PlaceShape, system: System, site: Site) -> Solid:
     """Return the solid of a module on a hexagon."""
     return disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
 
 
-def square_solid(look: Look, system: System, site: Site) -> Solid:
+def square_solid(look: PlaceShape, system: System, site: Site) -> Solid:
     """Return the solid of a module on a square."""
     return box_at(look.middle(system, system.place_of(site)))
 
 
-def disc_solid(look: Look, system: System, site: Site) -> Solid:
+def disc_solid(look: PlaceShape, system: System, site: Site) -> Solid:
     """Return the solid of a vehicle, on a map or on a graph."""
     return disc_at(look.middle(system, system.place_of(site)), _DISC)
 

@@ -164,7 +164,7 @@ class Pivot(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Moving:
+class MovingPart:
     """The parts of a style from which pictures that move are drawn.
 
     `behind` draws what lies below the modules and never changes, `before` what lies above them.
@@ -200,7 +200,7 @@ class Style:
     extent: Frame
     draw: Draw
     marks: Marks
-    moving: Moving
+    moving: MovingPart
     solid: Solids
     colours: Colours = lambda _, sites: palette(len(sites))
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Shot, Spot
 from cubepath.agents.rendering.places import (
-    Look,
     PlacePen,
+    PlaceShape,
     disc,
     disc_solid,
     draw_goals,
@@ -25,7 +25,7 @@ from cubepath.agents.rendering.places import (
     place_marks,
     place_pen,
 )
-from cubepath.agents.rendering.style import Moving, Style, known_places, marks_of, spot_of
+from cubepath.agents.rendering.style import MovingPart, Style, known_places, marks_of, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -52,7 +52,7 @@ def _circle(vertices: tuple[Site, ...]) -> dict[Site, Spot]:
     }
 
 
-_LOOK = Look(_middle, lambda kind, _: disc(kind), 0.7)
+_LOOK = PlaceShape(_middle, lambda kind, _: disc(kind), 0.7)
 
 
 def _draw(
@@ -118,6 +118,6 @@ GRAPH = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=Moving(_behind, _before, partial(place_body, _LOOK), outline=disc("module")),
+    moving=MovingPart(_behind, _before, partial(place_body, _LOOK), outline=disc("module")),
     solid=partial(disc_solid, _LOOK),
 )

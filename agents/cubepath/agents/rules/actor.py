@@ -8,13 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from cubepath.agents.local.observation import (
-    STAY,
-    Array,
-    checked_note,
-    is_legal,
-    view_of,
-)
+from cubepath.agents.local.observation import STAY, Array, checked_note, is_legal, view_of
 from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
 from cubepath.protocol.core.errors import InputError, RuleError
@@ -44,7 +38,7 @@ class Actor:
         self._clock = clock
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
-            with BlamedOn(self._who):
+            with RuleBlame(self._who):
                 self._rule = rule.made(knowledge, clock)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
@@ -57,7 +51,7 @@ class Actor:
     def act(self, observation: Mapping[str, Array]) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
-        with BlamedOn(self._who):
+        with RuleBlame(self._who):
             choice = as_choice(self._rule(view))
             if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
@@ -77,7 +71,7 @@ class Actor:
         return replace(choice, note=note, exchanges=exchanges)
 
 
-class BlamedOn:
+class RuleBlame:
     """Turns any error in a rule into one line that names the rule and its module."""
 
     def __init__(self, who: str) -> None:

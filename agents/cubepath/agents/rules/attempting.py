@@ -16,7 +16,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Attempt
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 
 def attempt_of(
@@ -101,11 +101,7 @@ def _registers(
 
 
 def _units(
-    system: System,
-    tiles: Tiles,
-    occupants: Mapping[Site, Site],
-    move: Move,
-    guards: Iterable[Site],
+    system: System, tiles: Tiles, occupants: Mapping[Site, Site], move: Move, guards: Iterable[Site]
 ) -> dict[Site, Site | None]:
     """Return what was sensed on the units of a move and of its guards."""
     place = system.place_of(move.source)

@@ -39,7 +39,7 @@ from __future__ import annotations
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules import free_chain, vector_chain
 from cubepath.agents.rules.chain_task import (
-    Task,
+    ChainTask,
     beside_of,
     check_room,
     cross,
@@ -74,7 +74,9 @@ def make(knowledge: InitialKnowledge) -> Rule:
     return choose
 
 
-def _begin(start: Cell, goals: tuple[Cell, ...], tasks: list[Task], beside: list[Cell]) -> Rule:
+def _begin(
+    start: Cell, goals: tuple[Cell, ...], tasks: list[ChainTask], beside: list[Cell]
+) -> Rule:
     for task in tasks:
         if task.begins(beside):
             return task.choose

@@ -44,7 +44,7 @@ def along(origin: Cell, cell: Cell) -> tuple[int, Cell | None]:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class ChainTask:
     """The task of a module that starts off the goal, at head + steps * away (g_0 and u)."""
 
     head: Cell
@@ -115,7 +115,7 @@ def goal_chain(sites: Sequence[Site], modules: int) -> tuple[Cell, ...]:
     return goals
 
 
-def tasks_from(start: Cell, goals: tuple[Cell, ...]) -> list[Task]:
+def tasks_from(start: Cell, goals: tuple[Cell, ...]) -> list[ChainTask]:
     """Return the tasks with this start, from either end of the goal: two in a few triangles."""
     count, found = len(goals), []
     if count == 1:
@@ -124,7 +124,7 @@ def tasks_from(start: Cell, goals: tuple[Cell, ...]) -> list[Task]:
         head, ahead = chain[0], minus(chain[1], chain[0])
         steps, away = along(head, start)
         if away is not None and away != ahead and steps <= count:
-            found.append(Task(head, ahead, count, away, steps))
+            found.append(ChainTask(head, ahead, count, away, steps))
     if not found:
         raise InputError(f"rule 'chain': no goal end is in line with {start} within {count} cells")
     return found

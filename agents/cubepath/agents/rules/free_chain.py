@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.chain_task import (
-    Task,
+    ChainTask,
     beside_of,
     check_room,
     goal_chain,
@@ -50,11 +50,11 @@ class StartNote(NamedTuple):
     steps: int
     """m."""
 
-    def task(self, goals: Sequence[Cell]) -> Task:
+    def task(self, goals: Sequence[Cell]) -> ChainTask:
         """Return the task with these goals in order."""
         chain = goals[::-1] if self.backwards else goals
         ahead = minus(chain[1], chain[0])
-        return Task(chain[0], ahead, len(chain), HEX_DIRECTIONS[self.away], self.steps)
+        return ChainTask(chain[0], ahead, len(chain), HEX_DIRECTIONS[self.away], self.steps)
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
@@ -85,7 +85,7 @@ def make(knowledge: InitialKnowledge) -> Rule:
     return choose
 
 
-def _begin(view: View, here: Cell, tasks: Sequence[Task], goals: Sequence[Cell]) -> Choice:
+def _begin(view: View, here: Cell, tasks: Sequence[ChainTask], goals: Sequence[Cell]) -> Choice:
     """Write the register, if it is time to."""
     beside = [cell for cell in beside_of(here) if cell in view.occupied]
     for task in tasks:

@@ -174,9 +174,7 @@ class _Vehicle:
             other = self._at(view, way)
             if other is not None and other.rests(way):
                 return self._give(
-                    way,
-                    self._now_for(mine, here, other.goal),
-                    self._now_for(other, way, mine.goal),
+                    way, self._now_for(mine, here, other.goal), self._now_for(other, way, mine.goal)
                 )
         return None
 

@@ -27,11 +27,11 @@ from cubepath.agents.local.random_streams import DRAW_STEPS, Streams, draw_fract
 from cubepath.agents.local.relative import RelativeRows, Showing, checked_showing, relative_layout
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.vector_rule import (
-    Chosen,
-    GaveUp,
-    Seen,
+    RuleFailure,
+    VectorChoice,
     VectorKnowledge,
     VectorRule,
+    VectorView,
 )
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError
@@ -148,7 +148,7 @@ def _for_all(
     streams = knowledge.streams() if random else None
     modules = knowledge.modules
 
-    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
         playing = seen.playing
         count = int(playing.sum()) * modules
         if not count:
@@ -205,7 +205,7 @@ class Layer(NamedTuple):
     activation: str
 
 
-class Network(NamedTuple):
+class PolicyNetwork(NamedTuple):
     """From what a module sees to a number for each action: the greater, the more probable."""
 
     observation: Showing
@@ -229,7 +229,7 @@ class Network(NamedTuple):
         return found
 
 
-def network_rule(name: str, network: Network, *, deterministic: bool) -> RuleType:
+def network_rule(name: str, network: PolicyNetwork, *, deterministic: bool) -> RuleType:
     """Return a network as a rule, for systems whose observations have the shape of its input."""
 
     def choose(rows: NDArray[Any], masks: NDArray[np.int8], draws: Any = None) -> Any:
@@ -259,7 +259,7 @@ def network_rule(name: str, network: Network, *, deterministic: bool) -> RuleTyp
     return replace(rule, content=_content(network, deterministic=deterministic))
 
 
-def _content(network: Network, *, deterministic: bool) -> str:
+def _content(network: PolicyNetwork, *, deterministic: bool) -> str:
     """Return a hash of all that decides what a network chooses."""
     told = sha256(f"{network.observation} {deterministic}".encode())
     for layer in network.layers:
@@ -276,7 +276,7 @@ def _shape_of(system: System, showing: Showing) -> tuple[int, int]:
     return length, system.move_slots + 1
 
 
-def read_network(path: Path) -> Network:
+def read_network(path: Path) -> PolicyNetwork:
     """Read a network; InputError if the file is none."""
     with readable(path):
         try:
@@ -287,7 +287,7 @@ def read_network(path: Path) -> Network:
             raise InputError(f"{path}: no network, expected a file of sb3_save: {why}") from None
 
 
-def _network_in(arrays: Any) -> Network:
+def _network_in(arrays: Any) -> PolicyNetwork:
     if str(arrays["format"]) != FORMAT:
         raise ValueError(f"format {str(arrays['format'])!r}, expected {FORMAT!r}")
     layers: list[Layer] = []
@@ -302,4 +302,4 @@ def _network_in(arrays: Any) -> Network:
         layers.append(Layer(weight.astype(float), bias.astype(float), str(activation)))
     if not layers:
         raise ValueError("there is no layer")
-    return Network(checked_showing(str(arrays["observation"])), tuple(layers))
+    return PolicyNetwork(checked_showing(str(arrays["observation"])), tuple(layers))

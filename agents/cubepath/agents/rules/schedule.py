@@ -119,7 +119,7 @@ class RecordedChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ar
     failed: str | None = None
 
 
-class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What some modules chose on record, and what they do when that is over."""
 
     choices: dict[int, list[RecordedChoice]]
@@ -135,7 +135,7 @@ class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     heard: bool = False
     """Whether what was noted last on record is heard in the first round of the rules."""
 
-    def of(self, modules: Sequence[int]) -> Recorded:
+    def of(self, modules: Sequence[int]) -> RecordedChoices:
         """Return what concerns some modules."""
         return msgspec.structs.replace(
             self,
@@ -144,7 +144,7 @@ class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
-def as_recorded(told: Recorded) -> RuleType:
+def as_recorded(told: RecordedChoices) -> RuleType:
     """Return the rule by which each module chooses what it chose on record."""
 
     def make(knowledge: InitialKnowledge) -> Rule:

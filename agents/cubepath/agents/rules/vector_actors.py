@@ -22,10 +22,10 @@ from cubepath.agents.local.random_streams import (
     draw_fraction,
     streams_of,
 )
-from cubepath.agents.rules.actor import BlamedOn
+from cubepath.agents.rules.actor import RuleBlame
 from cubepath.agents.rules.registry import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
-from cubepath.agents.rules.vector_rule import Chosen, Seen, VectorKnowledge, VectorRule
+from cubepath.agents.rules.vector_rule import VectorChoice, VectorKnowledge, VectorRule, VectorView
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
@@ -59,7 +59,7 @@ def vector_actors_for(
     )
     who = f"rule {rule.name!r}, vectorised"
     try:
-        with BlamedOn(who):
+        with RuleBlame(who):
             made = rule.vectorised(knowledge)
     except RuleError as error:
         if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
@@ -146,10 +146,10 @@ class VectorActors:
         for name, array in zip(self._expected, given, strict=True):
             self._check_array(name, array)
         # Of one memory layout, and writable: for another everything would be compiled once more.
-        seen = Seen(*[np.require(array, requirements=["C", "W"]) for array in given[:4]])
+        seen = VectorView(*[np.require(array, requirements=["C", "W"]) for array in given[:4]])
         actions = np.full(out.shape, STAY, np.int32)
-        with BlamedOn(self._who):
-            gave_up = sorted(self._rule(seen, Chosen(actions, self.notes)), reverse=True)
+        with RuleBlame(self._who):
+            gave_up = sorted(self._rule(seen, VectorChoice(actions, self.notes)), reverse=True)
         # By environment the first module, which comes last.
         self.failed = {e: f"module_{module}: {' '.join(why.split())}" for e, module, why in gave_up}
         self._check_choices(seen, actions)
@@ -166,7 +166,7 @@ class VectorActors:
                 f" shape {shape}"
             )
 
-    def _check_choices(self, seen: Seen, actions: NDArray[np.int32]) -> None:
+    def _check_choices(self, seen: VectorView, actions: NDArray[np.int32]) -> None:
         illegal = _illegal.for_work(actions.size * _CHECK_STEPS, by_entries=True)
         wrong = illegal(seen.action_mask, seen.playing, actions)
         if wrong >= 0:

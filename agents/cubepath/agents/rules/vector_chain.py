@@ -13,16 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rules.chain_task import (
-    check_room,
-    cross,
-    goal_chain,
-    minus,
-    plus,
-    tasks_from,
-)
+from cubepath.agents.rules.chain_task import check_room, cross, goal_chain, minus, plus, tasks_from
 from cubepath.agents.rules.lattice_slots import moves_by_orbit, sensed_offsets
-from cubepath.agents.rules.vector_rule import Chosen, GaveUp, Seen, VectorKnowledge, VectorRule
+from cubepath.agents.rules.vector_rule import (
+    RuleFailure,
+    VectorChoice,
+    VectorKnowledge,
+    VectorRule,
+    VectorView,
+)
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell, Move
 from cubepath.protocol.core.system import CLOSED, EMPTY
@@ -75,12 +74,14 @@ def make(knowledge: VectorKnowledge) -> VectorRule | None:
     begun = np.full((knowledge.environments, knowledge.modules), _UNKNOWN, np.int8)
     steps = begun.size * _STEPS
 
-    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
         if not _walk.for_work(steps, by_entries=True)(seen, tables, begun, chosen.actions):
             return ()
         gave_up = np.argwhere((begun == _FAILS) & seen.playing[:, np.newaxis])
         return [
-            GaveUp(environment, module, no_chain_from(HEXAGONS.check(knowledge.starts[module])))
+            RuleFailure(
+                environment, module, no_chain_from(HEXAGONS.check(knowledge.starts[module]))
+            )
             for environment, module in gave_up.tolist()
         ]
 
@@ -130,7 +131,9 @@ def _known_from_birth(knowledge: VectorKnowledge) -> tuple[_Numbers, _Numbers]:
 
 
 @compiled
-def _walk(seen: Seen, tables: _Tables, begun: NDArray[np.int8], actions: NDArray[np.int32]) -> int:
+def _walk(
+    seen: VectorView, tables: _Tables, begun: NDArray[np.int8], actions: NDArray[np.int32]
+) -> int:
     """Choose for every module; return how many give up."""
     failing = 0
     for environment in range(actions.shape[0]):
@@ -150,7 +153,7 @@ def _walk(seen: Seen, tables: _Tables, begun: NDArray[np.int8], actions: NDArray
 
 
 @compiled
-def _beside(seen: Seen, tables: _Tables, environment: int, module: int) -> int:
+def _beside(seen: VectorView, tables: _Tables, environment: int, module: int) -> int:
     """Return the directions in which a cell beside the module's start is on, as bits."""
     found = 0
     for direction in range(len(tables.directions)):
@@ -185,7 +188,7 @@ def _beginning(births: _Numbers, tasks: _Numbers, module: int, beside: int) -> i
 
 
 @compiled
-def _step(seen: Seen, tables: _Tables, environment: int, module: int, task: int) -> int:
+def _step(seen: VectorView, tables: _Tables, environment: int, module: int, task: int) -> int:
     """Return the action of a module with this task: see `Task.guarded`."""
     moves, row, observation = tables.moves, tables.tasks, seen.observation
     # Where A is, seen from g_0.

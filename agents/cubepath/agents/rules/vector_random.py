@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from cubepath.agents.local.random_streams import DRAW_STEPS, Streams, draw_below
 from cubepath.agents.rules.vector_rule import (
-    Chosen,
-    GaveUp,
-    Seen,
+    RuleFailure,
+    VectorChoice,
     VectorKnowledge,
     VectorRule,
+    VectorView,
 )
 from cubepath.protocol.compiled import compiled
 
@@ -26,7 +26,7 @@ def make(knowledge: VectorKnowledge) -> VectorRule:
     streams = knowledge.streams()
     steps = knowledge.environments * knowledge.modules * (DRAW_STEPS + 1)
 
-    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
         draw = _draw.for_work(steps, by_entries=True)
         draw(seen.action_mask, seen.playing, streams, chosen.actions)
         return ()
@@ -36,10 +36,7 @@ def make(knowledge: VectorKnowledge) -> VectorRule:
 
 @compiled
 def _draw(
-    mask: NDArray[np.int8],
-    playing: NDArray[np.bool_],
-    streams: Streams,
-    actions: NDArray[np.int32],
+    mask: NDArray[np.int8], playing: NDArray[np.bool_], streams: Streams, actions: NDArray[np.int32]
 ) -> None:
     """Draw one of the actions in the mask for each module."""
     for environment in range(mask.shape[0]):

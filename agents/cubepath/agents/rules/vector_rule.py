@@ -38,7 +38,7 @@ class VectorKnowledge:
         return len(self.starts)
 
 
-class Seen(NamedTuple):
+class VectorView(NamedTuple):
     """What the modules see in one round: what `observe` returns for each, stacked."""
 
     observation: NDArray[np.int32]
@@ -51,7 +51,7 @@ class Seen(NamedTuple):
     """Shape (E,): False for environments that are over; nothing is chosen or drawn there."""
 
 
-class Chosen(NamedTuple):
+class VectorChoice(NamedTuple):
     """Where a rule in vectorised form writes what it chooses, of environments that are playing."""
 
     actions: NDArray[np.int32]
@@ -60,7 +60,7 @@ class Chosen(NamedTuple):
     """Shape (E, n, note length): the last notes, zeros at first; one left as it is is kept."""
 
 
-class GaveUp(NamedTuple):
+class RuleFailure(NamedTuple):
     """A module finds that it cannot reach its goal: `Choice.failed`."""
 
     environment: int
@@ -68,5 +68,5 @@ class GaveUp(NamedTuple):
     why: str
 
 
-VectorRule: TypeAlias = Callable[[Seen, Chosen], Iterable[GaveUp]]
+VectorRule: TypeAlias = Callable[[VectorView, VectorChoice], Iterable[RuleFailure]]
 """It is called once per round, and returns who gives up. The arrays are C-contiguous."""

@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.rules.lattice_slots import moves_by_orbit
-from cubepath.agents.rules.vector_rule import Chosen, GaveUp, Seen, VectorKnowledge, VectorRule
+from cubepath.agents.rules.vector_rule import (
+    RuleFailure,
+    VectorChoice,
+    VectorKnowledge,
+    VectorRule,
+    VectorView,
+)
 from cubepath.agents.rules.word_heights import height, wanted_height
 from cubepath.protocol.compiled import compiled
 
@@ -46,7 +52,7 @@ def make(knowledge: VectorKnowledge) -> VectorRule | None:
     heights = _Heights(axes, gains, np.array(wanted, np.int64))
     steps = knowledge.environments * knowledge.modules * _STEPS
 
-    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
         _turn.for_work(steps, by_entries=True)(seen, heights, chosen.actions)
         return ()
 
@@ -54,7 +60,7 @@ def make(knowledge: VectorKnowledge) -> VectorRule | None:
 
 
 @compiled
-def _turn(seen: Seen, heights: _Heights, actions: NDArray[np.int32]) -> None:
+def _turn(seen: VectorView, heights: _Heights, actions: NDArray[np.int32]) -> None:
     """Let each segment take the first legal move that brings it nearer to its height."""
     for environment in range(actions.shape[0]):
         if not seen.playing[environment]:

@@ -23,10 +23,11 @@ from typing import TypeAlias
 
 from cubepath.agents.local.random_streams import HESITATE, RULE, stream
 from cubepath.agents.rules.actor import Actor, actors_for
-from cubepath.agents.rules.registry import permitted_rule, rule_named, rules
+from cubepath.agents.rules.registry import permitted_rule, rule_named, rules, stands_for
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
+from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.free_transcript import turn_text
 from cubepath.coordinator.verification.free_turns import TurnView
 from cubepath.coordinator.verification.parameters import (
@@ -36,13 +37,15 @@ from cubepath.coordinator.verification.parameters import (
     spans,
     stages_in,
 )
+from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.transcript import Transcript, site_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
+from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.free_messages import Turn
 from cubepath.protocol.wire.messages import Claim, Note
 
@@ -529,3 +532,38 @@ def _compared(turn: Turn, choice: Choice) -> list[tuple[str, object, object]]:
         ("exchanges", exchanges, {at: list(note) for at, note in choice.exchanges.items()}),
         ("giving up", turn.failed, choice.failed),
     ]
+
+
+def audit(
+    recording: Recording | Source, progress: Progress | None = None, *, rules: Collection[str] = ()
+) -> Verification:
+    """Verify a recording or its file, `choices` included: each module chose as its rule does.
+
+    Where the rule is not installed, or the recording does not say how it chose, that check is
+    marked as not checked. A rule in a file is asked only if you give it in `rules`, as
+    FILE.py:NAME, since a recording can name any file. Nothing is raised, unless the recording
+    cannot be read, or is changed while it is read.
+
+    >>> found = audit("logs/golden/hex-5.mcap")
+    >>> found.ok, [check.checked for check in found.checks if check.name == "choices"]
+    (True, [True])
+    """
+    found = recording_of(recording)
+    return verify(
+        found,
+        progress,
+        player=lambda: RuleAudit(found, rules),
+        free_player=lambda: FreeRuleAudit(found, rules),
+    )
+
+
+def unused_rules(recording: Recording, rules: Collection[str]) -> set[str]:
+    """Return those of the rules, each FILE.py:NAME, that the recording does not name.
+
+    >>> unused_rules(read_recording("logs/golden/hex-5.mcap"), ["mine.py:MINE"])
+    {'mine.py:MINE'}
+    """
+    told = recording.parameters
+    named = {told.get("rule", ""), told.get("repair", "")}
+    named.update(*(stage.rules for stage in stages_in(recording)))
+    return {each for each in rules if not any(stands_for(each, name) for name in named)}

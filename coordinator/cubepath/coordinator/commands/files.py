@@ -14,12 +14,7 @@ from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, Source, opened
-from cubepath.protocol.core.output_files import (
-    STANDARD_OUTPUT,
-    check_output,
-    is_special,
-    same_file,
-)
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT, check_output, is_special, same_file
 from cubepath.protocol.file_forms import FORMS
 
 PATH_SUFFIXES = (".jsonl", ".npz")

@@ -71,11 +71,8 @@ def _recover(options: argparse.Namespace) -> int:
     The exit code says whether there is anything of it, since that it is damaged is known.
     """
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
-    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
-    from cubepath.coordinator.verification.recovery import (  # noqa: PLC0415
-        recover,
-        with_told_scene,
-    )
+    from cubepath.coordinator.auditing.playing import audit, unused_rules  # noqa: PLC0415
+    from cubepath.coordinator.verification.recovery import recover, with_told_scene  # noqa: PLC0415
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
@@ -94,10 +91,7 @@ def _recover(options: argparse.Namespace) -> int:
         told = (
             _alone(remains)
             if recording is None
-            else verified(
-                recording,
-                audit(recording, bar.update, rules=options.rule),
-            )
+            else verified(recording, audit(recording, bar.update, rules=options.rule))
         )
     try:
         saved = recover(recording or remains, options.out)

@@ -72,11 +72,7 @@ def given_durations(options: argparse.Namespace) -> Durations | None:
     """Return what ``--durations`` says, None if it is not given."""
     if not options.durations:
         return None
-    from cubepath.protocol.path_files.durations import (  # noqa: PLC0415
-        Durations,
-        durations_in_words,
-        read_durations,
-    )
+    from cubepath.protocol.path_files.durations import Durations, durations_in_words, read_durations  # noqa: PLC0415
 
     file = duration_file(options)
     found = Durations() if file is None else read_durations(file)

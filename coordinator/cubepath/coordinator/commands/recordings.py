@@ -10,14 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from cubepath.coordinator.commands.console import (
-    BAD_INPUT,
-    DONE,
-    FAILED,
-    answer,
-    complain,
-    say,
-)
+from cubepath.coordinator.commands.console import BAD_INPUT, DONE, FAILED, answer, complain, say
 from cubepath.coordinator.commands.files import file_name
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -49,9 +42,7 @@ def _complained(told: RecordingAnswer) -> int:
 
 
 def answer_each(
-    options: argparse.Namespace,
-    what: str,
-    one: Callable[[Path, Progress], RecordingAnswer],
+    options: argparse.Namespace, what: str, one: Callable[[Path, Progress], RecordingAnswer]
 ) -> int:
     """Answer for each recording that is named; return the worst exit code.
 

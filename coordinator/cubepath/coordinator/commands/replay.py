@@ -93,9 +93,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
         " to the first divergence",
     )
     replay.add_argument(
-        "--log",
-        type=output_path,
-        help="with --modules: record the new run here (default: nowhere)",
+        "--log", type=output_path, help="with --modules: record the new run here (default: nowhere)"
     )
     _add_more(more_options(replay))
     _add_live(replay.add_argument_group("more options, with --modules"))

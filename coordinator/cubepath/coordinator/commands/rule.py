@@ -13,7 +13,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.agents.locality.check import Checked
+    from cubepath.agents.locality.check import LocalityReport
 
 
 def add_rule_check(check: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def _check(options: argparse.Namespace) -> int:
     return DONE if found.ok else FAILED
 
 
-def _document(found: Checked, seconds: float) -> dict[str, object]:
+def _document(found: LocalityReport, seconds: float) -> dict[str, object]:
     return {
         "rule": found.rule,
         "clock": found.clock,
@@ -79,7 +79,7 @@ def _document(found: Checked, seconds: float) -> dict[str, object]:
     }
 
 
-def _text(found: Checked, seconds: float) -> str:
+def _text(found: LocalityReport, seconds: float) -> str:
     clock = "" if found.clock == "lockstep" else f", {found.clock} clock"
     rows: list[tuple[str, object]] = [
         ("rule", f"{found.rule}, seed {found.seed}{clock}"),
@@ -100,10 +100,7 @@ def add_rule_list(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(options: argparse.Namespace) -> int:
-    from cubepath.agents.rules.registry import (  # noqa: PLC0415
-        misfit,
-        rules,
-    )
+    from cubepath.agents.rules.registry import misfit, rules  # noqa: PLC0415
     from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 

@@ -10,21 +10,14 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    answer,
-    complain,
-    table,
-)
+from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.simulation.swarm import KeptRun, Tally
+    from cubepath.coordinator.simulation.swarm import KeptRun, SeedTally
 
 _RANGE = re.compile(r"(\d{1,18})(?:\.\.(\d{1,18}))?", re.ASCII)
 _SHOWN_MAX = 300
@@ -79,11 +72,7 @@ def _seeds(text: str) -> range:
 
 def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.scenarios import ScenarioOptions, check  # noqa: PLC0415
-    from cubepath.coordinator.simulation.swarm import (  # noqa: PLC0415
-        Tally,
-        simulate_seeds,
-        simulator_of,
-    )
+    from cubepath.coordinator.simulation.swarm import SeedTally, simulate_seeds, simulator_of  # noqa: PLC0415
 
     check_files(options, [])
     asked = ScenarioOptions(
@@ -91,7 +80,7 @@ def _simulate(options: argparse.Namespace) -> int:
     )
     check(asked)
     check_output_folder(options.out)
-    tally, began, interrupted = Tally(simulator_of(asked)), time.monotonic(), False
+    tally, began, interrupted = SeedTally(simulator_of(asked)), time.monotonic(), False
     with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
 
         def failing(seed: int) -> None:
@@ -120,7 +109,7 @@ def _simulate(options: argparse.Namespace) -> int:
     return FAILED if tally.outcomes["failure"] else DONE
 
 
-def _state(tally: Tally) -> str:
+def _state(tally: SeedTally) -> str:
     failures = tally.outcomes["failure"]
     return f"{failures} failures" if failures else ""
 
@@ -130,7 +119,7 @@ def _tell(kept: KeptRun) -> None:
     complain(f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}")
 
 
-def _table(tally: Tally, seconds: float) -> str:
+def _table(tally: SeedTally, seconds: float) -> str:
     faults = ", ".join(f"{count} {kind}" for kind, count in tally.faults.items() if count)
     outcomes = tally.outcomes
     rows: list[tuple[str, object]] = [

@@ -9,14 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    answer,
-    complain,
-    table,
-)
+from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import Lines, progress_bar
 from cubepath.coordinator.commands.usage import more_options, number, whole

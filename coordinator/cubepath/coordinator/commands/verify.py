@@ -8,12 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
-from cubepath.coordinator.commands.files import (
-    check_files,
-    file_name,
-    input_path,
-    opened_once,
-)
+from cubepath.coordinator.commands.files import check_files, file_name, input_path, opened_once
 from cubepath.coordinator.commands.path_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import (
@@ -91,7 +86,7 @@ def _check_alone(options: argparse.Namespace) -> None:
 
 def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
-    from cubepath.coordinator.auditing.recording import audit, unused_rules  # noqa: PLC0415
+    from cubepath.coordinator.auditing.playing import audit, unused_rules  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     check_files(options, options.logs)
@@ -150,14 +145,8 @@ def _verify_certificate(
     options: argparse.Namespace, file: InputFile, source: Path, cubes_file: Path | None
 ) -> int:
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
-    from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
-        check_numbered,
-        compare_cubes,
-    )
-    from cubepath.protocol.path_files.certificates import (  # noqa: PLC0415
-        companion,
-        read_certificate,
-    )
+    from cubepath.coordinator.verification.certificate import check_numbered, compare_cubes  # noqa: PLC0415
+    from cubepath.protocol.path_files.certificates import companion, read_certificate  # noqa: PLC0415
 
     proof: Source = file
     cubes: Source | None = cubes_file

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.warming import is_compiled
-from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.environments.made_moves import MadeMoves, made_in
-from cubepath.agents.environments.rollout import Played, play_in_python
-from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.environments.rollouts import Rollout, play_free, play_in_python, play_many
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.experiments.facts import SceneFacts
-from cubepath.coordinator.experiments.gathered_runs import gathered_run
+from cubepath.coordinator.experiments.instances import SceneFacts
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
 from cubepath.coordinator.experiments.setting import RunSetting, slow_modules
+from cubepath.coordinator.experiments.wire_core import gathered_run
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -69,7 +67,7 @@ def play_compiled(
     scene = facts.scene
     rule = rule_named(setting.rule, scene.system)
     few = rule.vectorised is None or len(seeds) * len(scene.start) < _FEW
-    began, plain = time.monotonic(), list[Played]()
+    began, plain = time.monotonic(), list[Rollout]()
     for seed in seeds if few else ():
         if rule.vectorised is not None and _done_in_python.pays():
             break
@@ -88,12 +86,7 @@ def play_compiled(
         return
     began = time.monotonic()
     many = play_many(
-        scene,
-        rule,
-        rest,
-        hesitate=setting.hesitate,
-        max_rounds=setting.max_rounds,
-        keep_moves=True,
+        scene, rule, rest, hesitate=setting.hesitate, max_rounds=setting.max_rounds, keep_moves=True
     )
     if many.made is None:  # they were asked for
         raise AssertionError("no moves were kept")

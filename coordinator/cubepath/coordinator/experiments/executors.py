@@ -35,10 +35,9 @@ from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.vector_actors import vector_actors_for
 from cubepath.coordinator.experiments.outcomes import DIED, failed
-from cubepath.coordinator.experiments.playing import late, play_batch
+from cubepath.coordinator.experiments.playing import GRACE_S, late, play_batch
 from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import RunBatch
-from cubepath.coordinator.experiments.time_limits import GRACE_S
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.protocol.compiled import PLAIN_STEPS, allowance
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.facts import SceneFacts, facts_of
+from cubepath.coordinator.experiments.instances import SceneFacts, facts_of
 from cubepath.coordinator.experiments.rows import ROUND_MEASURES, RUN_COLUMNS, FinishedRun, Row
 from cubepath.coordinator.experiments.setting import RunBatch, run_id
 from cubepath.protocol.core.sites import Site

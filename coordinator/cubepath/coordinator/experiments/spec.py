@@ -22,23 +22,26 @@ from cubepath.agents.rules.registry import (
     unknown_rule,
 )
 from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
+from cubepath.coordinator.experiments.playing import TIMEOUT_S_MAX
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
     CORES,
     DELAY_MS_MAX,
+    LARGEST,
     SLOW_FACTOR_MAX,
     Clock,
     Core,
     FaultRates,
     RunBatch,
     RunSetting,
+    checked_seeds,
     code_version,
+    expanded,
     run_id,
     scene_hash,
+    seeds_of,
     source_hash,
 )
-from cubepath.coordinator.experiments.time_limits import TIMEOUT_S_MAX
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import read_text

@@ -20,13 +20,7 @@ from cubepath.coordinator.experiments.rows import (
     in_canonical_order,
 )
 from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
-from cubepath.coordinator.experiments.spec import (
-    Expansion,
-    Sweep,
-    expand,
-    is_small,
-    sweep_of,
-)
+from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, is_small, sweep_of
 from cubepath.coordinator.experiments.workers import Cluster, Pool
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within

@@ -16,7 +16,7 @@ from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.supports import FIRST, FREE, TRACE, Rows
+from cubepath.protocol.path_files.supports import FIRST, FREE, TRACE, SupportRows
 
 Bytes = NDArray[np.int8]
 
@@ -71,7 +71,7 @@ def end_of(path: NumberedPath, start: State) -> frozenset[Site]:
 
 @compiled
 def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as a move
-    supports: Rows, numbers: NDArray[np.int32], ends: Bytes, state: Bytes
+    supports: SupportRows, numbers: NDArray[np.int32], ends: Bytes, state: Bytes
 ) -> int:
     """Make the moves and write `ends`; return the first move that is not admissible, or -1."""
     for move in range(len(numbers)):

@@ -147,8 +147,7 @@ class NumberedHeap:
         if end > _MOST:
             raise InputError(f"{end} sites in the supports of all actions, expected {_MOST}")
         self._heap = self._heap._replace(
-            actions=_longer(self._heap.actions, first + count),
-            sites=_longer(self._heap.sites, end),
+            actions=_longer(self._heap.actions, first + count), sites=_longer(self._heap.sites, end)
         )
         rows = self._heap.actions[first : first + count]
         rows[:] = 0

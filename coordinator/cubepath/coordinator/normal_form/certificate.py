@@ -22,7 +22,7 @@ from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.numbered import NumberedPath, number_actions
-from cubepath.protocol.path_files.supports import TRACE, Rows, Supports
+from cubepath.protocol.path_files.supports import TRACE, SupportRows, Supports
 
 _PIECE = 4096
 """Pairs that are made at a time."""
@@ -123,7 +123,7 @@ class _Parts:
 
 @compiled
 def _descend(
-    rows: Rows,
+    rows: SupportRows,
     pieces: NDArray[np.int32],
     ends: NDArray[np.int64],
     marks: NDArray[np.int64],

@@ -36,7 +36,7 @@ class Piece(NamedTuple):
     action: Action
 
 
-class Changes(NamedTuple):
+class HeapChanges(NamedTuple):
     """The changes of a cube path: pieces that were added and removed, by level."""
 
     added: tuple[Piece, ...]
@@ -267,7 +267,7 @@ class FastHeap:
             )
             yield tuple([labelled.get(move) or actions[number] for number, move in cube])
 
-    def changes(self) -> Changes:
+    def changes(self) -> HeapChanges:
         """Return the changes of the cube path since the last call; at first, all of it.
 
         Nothing is final: a late move may join the first cube, and a walk back removes everything.
@@ -284,7 +284,7 @@ class FastHeap:
         Changes(added=(), removed=(Piece(level=1, action=Action(step)),))
         """
         added, removed = self._all().changes()
-        return Changes(self._pieces(added), self._pieces(removed))
+        return HeapChanges(self._pieces(added), self._pieces(removed))
 
     def normal_form(self) -> NormalForm:
         """Return what became of each move so far; ValueError if the heap is not `telling`.

@@ -102,12 +102,7 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
     columns, actions, sites = heap.columns, heap.actions, heap.sites
     slots, pieces, sizes, tally = heap.slots, heap.pieces, heap.sizes, heap.tally
     totals = heap.totals
-    move, cubes, largest, reduced = (
-        totals[MOVES],
-        totals[CUBES],
-        totals[LARGEST],
-        totals[REDUCED],
-    )
+    move, cubes, largest, reduced = (totals[MOVES], totals[CUBES], totals[LARGEST], totals[REDUCED])
     first = move + len(numbers) - begin - len(levels)
     told = len(levels) > 0
     place = begin

@@ -19,19 +19,12 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
-from cubepath.protocol.wire.messages import (
-    Certified,
-    Cube,
-    Edges,
-    Message,
-    Summary,
-    decode,
-)
+from cubepath.protocol.recordings.stored_messages import Record
+from cubepath.protocol.wire.messages import Certified, Cube, Edges, Message, Summary, decode
 
 
 @dataclass(frozen=True, slots=True)
-class MissingPart:
+class MissingRounds:
     """What is missing of a run in its recording."""
 
     cut_off: bool
@@ -40,13 +33,13 @@ class MissingPart:
     """Why messages are missing at the start or in between, in a line; None if none are."""
 
 
-def extent_of(recording: Recording) -> MissingPart:
+def extent_of(recording: Recording) -> MissingRounds:
     """Return how much of its run a recording holds."""
     lacking = why_partial(recording)
     if lacking is None and (hole := hole_in(recording)) is not None:
         lacking = str(hole)
     cut_off = lacking is not None or bool(recording.problems) or is_cut_off(recording)
-    return MissingPart(cut_off, lacking)
+    return MissingRounds(cut_off, lacking)
 
 
 _RESULTS = ("cubes", "summary")
@@ -170,7 +163,7 @@ class Comparison:
     Of a recording that lacks messages only what is there is compared.
     """
 
-    def __init__(self, recording: Recording, gathered: Gathered, extent: MissingPart) -> None:
+    def __init__(self, recording: Recording, gathered: Gathered, extent: MissingRounds) -> None:
         """Compare everything."""
         self._recording = recording
         self._gatherer = gathered

@@ -37,7 +37,7 @@ from cubepath.coordinator.playback.timeline import (
     read_spot,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 
 _BEFORE_MAX = 10.0
 """What is slower than as fast as possible, where nothing else was said: rounds a second."""
@@ -66,11 +66,11 @@ class WaitForOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class AllPlayed:
+class PlaybackEnd:
     """All is played; it goes on if an order says so."""
 
 
-Deed: TypeAlias = PutMessage | PositionJump | WaitForOrder | AllPlayed
+Deed: TypeAlias = PutMessage | PositionJump | WaitForOrder | PlaybackEnd
 
 
 class Machine:
@@ -187,7 +187,7 @@ class Machine:
             return self._put(following)
         if following is None:
             if self.stopped or self.paused or not (self.loop and self._put_in_lap):
-                return AllPlayed()
+                return PlaybackEnd()
             self._go(self.begin, "loop")
             self.laps += 1
             return self.next(now)

@@ -24,8 +24,8 @@ from cubepath.coordinator.playback.comparing import (
     not_compared_of,
 )
 from cubepath.coordinator.playback.machine import (
-    AllPlayed,
     Machine,
+    PlaybackEnd,
     PositionJump,
     PutMessage,
     WaitForOrder,
@@ -242,7 +242,7 @@ class ReplaySession:
                 case WaitForOrder(until=until):
                     self._answer()
                     self._rest_until(until)
-                case AllPlayed():
+                case PlaybackEnd():
                     self._answer(at_end=True)
                     if self._asked:
                         continue  # somebody came meanwhile

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.playback.comparing import MissingPart, rounds_compared
+from cubepath.coordinator.playback.comparing import MissingRounds, rounds_compared
 from cubepath.coordinator.playback.timeline import START, Cursor, Timeline
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
@@ -26,7 +26,7 @@ from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
 from cubepath.protocol.wire.keys import topic_in_key
 from cubepath.protocol.wire.messages import Report, decode, parts_of
@@ -171,7 +171,7 @@ _OF_KEEPERS = ("moved/", "tail/", "turns/")
 class SegmentComparison:
     """Gathers what arrives, and compares it with the record whenever a segment is over."""
 
-    def __init__(self, recording: Recording, extent: MissingPart) -> None:
+    def __init__(self, recording: Recording, extent: MissingRounds) -> None:
         """Begin at the start of the run; InputError if the recording does not say of how many."""
         self._recording = recording
         self._extent = extent

@@ -9,9 +9,8 @@ from functools import cache
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.recordings.logged import kinds_of
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record, kinds_of
 from cubepath.protocol.wire.free_messages import decode_free, free_key
 from cubepath.protocol.wire.keys import ROOT, key_of, topic_in_key
 from cubepath.protocol.wire.messages import decode

@@ -35,13 +35,7 @@ from cubepath.protocol.wire.free_messages import (
     free_sender,
 )
 from cubepath.protocol.wire.keys import everything, topic_in_key
-from cubepath.protocol.wire.messages import (
-    MESSAGE_BYTES_MAX,
-    Go,
-    NoMessageError,
-    Refused,
-    encode,
-)
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, Refused, encode
 from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
 
 ASKS_MAX = 12
@@ -132,11 +126,7 @@ class Collector(Node):
     """Hears everything in a run, and passes it on to the gatherer and to the record."""
 
     def __init__(
-        self,
-        run: str,
-        gatherer: FreeGatherer,
-        keepers: int,
-        modules_of: Sequence[Sequence[int]],
+        self, run: str, gatherer: FreeGatherer, keepers: int, modules_of: Sequence[Sequence[int]]
     ) -> None:
         """Gather a run of so many keepers; each process speaks for its own modules."""
         self.gatherer = gatherer

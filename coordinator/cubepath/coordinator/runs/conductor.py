@@ -30,7 +30,7 @@ Ended: TypeAlias = Literal["goal", "max-rounds", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True)
-class Ending:
+class RunEnd:
     """How a run ended, with one line on why if it failed."""
 
     ended: Ended
@@ -103,14 +103,14 @@ class Conductor:
         """Return the number of cubes of the schedule, None if there is none."""
         return None if self._assignment is None else len(self._assignment.cubes)
 
-    def before(self) -> Ending | None:
+    def before(self) -> RunEnd | None:
         """Return how the run has ended before anything was started, None if there is work to do."""
         assignment = self._assignment
         if self.gatherer.reached and (assignment is None or not assignment.cubes):
-            return Ending("goal")
+            return RunEnd("goal")
         return None
 
-    def between(self, round_number: int, end_schedule: Callable[[], object]) -> Ending | None:
+    def between(self, round_number: int, end_schedule: Callable[[], object]) -> RunEnd | None:
         """Return how the run has ended after a round (0: before the first), None if it goes on.
 
         `end_schedule` is called if modules are to follow their rule from now on, after a schedule
@@ -118,35 +118,35 @@ class Conductor:
         """
         if self.gatherer.rounds != round_number:
             why = f"round {round_number} ended, but not all modules have reported it"
-            return Ending("failed", why)
+            return RunEnd("failed", why)
         ending = self._ended(end_schedule) or (
-            Ending("max-rounds") if round_number >= self._max_rounds else None
+            RunEnd("max-rounds") if round_number >= self._max_rounds else None
         )
         if ending is None and round_number == self._recorded_rounds:
             end_schedule()
         return ending
 
-    def _ended(self, end_schedule: Callable[[], object]) -> Ending | None:
+    def _ended(self, end_schedule: Callable[[], object]) -> RunEnd | None:
         gatherer, execution = self.gatherer, self._execution
         if execution is not None and not execution.over:
             execution.look(gatherer)
             if not execution.over:
                 return None  # even if it passes the goal on its way
             if execution.stopped is not None and not self._repair:
-                return Ending("failed", told(execution.stopped))
+                return RunEnd("failed", told(execution.stopped))
             if not gatherer.reached and self._repair:
                 end_schedule()
                 return None
         elif gatherer.failed is not None:
             return self.failed(gatherer.failed)
-        return Ending("goal") if gatherer.reached else None
+        return RunEnd("goal") if gatherer.reached else None
 
-    def failed(self, error: str) -> Ending:
+    def failed(self, error: str) -> RunEnd:
         """Return the end of a run that failed, with where its schedule had stopped before."""
         stopped = self.stopped
-        return Ending("failed", error if stopped is None else f"{told(stopped)}; then {error}")
+        return RunEnd("failed", error if stopped is None else f"{told(stopped)}; then {error}")
 
-    def results(self, ending: Ending) -> Iterator[Cube | Certified | Summary]:
+    def results(self, ending: RunEnd) -> Iterator[Cube | Certified | Summary]:
         """Yield what came of the run: its cubes, their certificate and the summary."""
         return results_of(
             self.gatherer,
@@ -159,7 +159,7 @@ class Conductor:
 
 def results_of(
     gatherer: Gathered,
-    ending: Ending,
+    ending: RunEnd,
     *,
     refused: int,
     schedule_cubes: int | None = None,
@@ -172,10 +172,7 @@ def results_of(
     rounds = gatherer.rounds
     heap = gatherer.heap
     proof = certificate_of(
-        gatherer.numbered,
-        start=gatherer.scene.start_state,
-        found=heap.normal_form(),
-        as_text=True,
+        gatherer.numbered, start=gatherer.scene.start_state, found=heap.normal_form(), as_text=True
     )
     summary = Summary(
         round=rounds,

@@ -13,9 +13,8 @@ from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.recordings.counts import Counts
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
-from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
+from cubepath.protocol.recordings.cutting import FILTERED, SPLIT
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT, Counts
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import (
     Certified,

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.registry import permitted_rule, rule_named
-from cubepath.agents.rules.schedule import Recorded
+from cubepath.agents.rules.schedule import RecordedChoices
 from cubepath.coordinator.runs.driver import Say
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import Watch
-from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
+from cubepath.coordinator.runs.on_record import RecordedDecisions, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
 from cubepath.coordinator.runs.run import Run
@@ -109,7 +109,7 @@ def what_if(
     return Run(plan, watch=compared, say=say, branch=branch).play_from_the_start()
 
 
-def _check_silence(record: OnRecord, first: int) -> None:
+def _check_silence(record: RecordedDecisions, first: int) -> None:
     """Refuse what cannot be repeated: a round in which modules fell silent between two rules."""
     for stage in record.stages[1:]:
         if record.note_length and not stage.heard and stage.begins < first:
@@ -120,7 +120,7 @@ def _check_silence(record: OnRecord, first: int) -> None:
 
 
 def _stage(
-    record: OnRecord,
+    record: RecordedDecisions,
     rule: str,
     first: int,
     modules: Iterable[int] | None,
@@ -169,7 +169,7 @@ def _stage(
     )
 
 
-def _most(record: OnRecord, first: int, asked: int | None) -> int:
+def _most(record: RecordedDecisions, first: int, asked: int | None) -> int:
     """Return how many rounds the run has at most."""
     if asked is not None:
         if whole_number("max-rounds", asked) < first:
@@ -179,10 +179,10 @@ def _most(record: OnRecord, first: int, asked: int | None) -> int:
     return before if before is not None and before >= first else first - 1 + MAX_ROUNDS
 
 
-def _branch(record: OnRecord, rule: str, stage: RuleStage) -> Branch:
+def _branch(record: RecordedDecisions, rule: str, stage: RuleStage) -> Branch:
     first = stage.begins
     before = tuple(each for each in record.stages if each.begins < first)
-    recorded = Recorded(
+    recorded = RecordedChoices(
         choices={module: chosen[: first - 1] for module, chosen in record.choices.items()},
         note_length=record.note_length,
         seeds=[(each.begins, each.seed) for each in (*before[1:], stage)],
@@ -200,7 +200,7 @@ def _branch(record: OnRecord, rule: str, stage: RuleStage) -> Branch:
     return Branch(recorded, first - 1, parameters)
 
 
-def parent_parameters(record: OnRecord) -> dict[str, str]:
+def parent_parameters(record: RecordedDecisions) -> dict[str, str]:
     """Return by what the recording of a run names the one that it comes from."""
     checksum = record.recording.sha256()
     return {
@@ -210,7 +210,7 @@ def parent_parameters(record: OnRecord) -> dict[str, str]:
     }
 
 
-def _compare(record: OnRecord, gatherer: Gathered, last: int) -> None:
+def _compare(record: RecordedDecisions, gatherer: Gathered, last: int) -> None:
     """Check that a round which was repeated has the moves that are on record."""
     number = gatherer.rounds
     if number <= last:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 from cubepath.agents.processes.fleet import ProcessFleet
 from cubepath.agents.processes.network import Way
 from cubepath.coordinator.runs.asking import Answers, Release, RunInfo, Status
-from cubepath.coordinator.runs.conductor import Ending
+from cubepath.coordinator.runs.conductor import RunEnd
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import Listeners
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Say: TypeAlias = Callable[[str], None]
 Pace: TypeAlias = Callable[[], float]
 Fleet = TypeVar("Fleet", bound=ProcessFleet, covariant=True)  # noqa: PLC0105 - not Fleet_co
-INTERRUPTED = Ending("interrupted", "interrupted")
+INTERRUPTED = RunEnd("interrupted", "interrupted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Driver(ABC, Generic[Fleet]):
     def __init__(self, context: RunContext) -> None:
         """Open the recording, and start nothing."""
         plan, task = self.plan, self.task = context.plan, context.task
-        self.ending: Ending | None = None
+        self.ending: RunEnd | None = None
         """How the run has ended, from then on; its results may not be on record yet."""
         self.outcome: Outcome | None = None
         self.endpoint = ""
@@ -104,7 +104,7 @@ class Driver(ABC, Generic[Fleet]):
         """Return what was gathered so far."""
 
     @abstractmethod
-    def _start(self, check: Callable[[], None]) -> Ending | None:
+    def _start(self, check: Callable[[], None]) -> RunEnd | None:
         """Start the processes; return how the run has ended if there is nothing to do.
 
         `check` is called while waiting, now and later, and may raise to end the run between two
@@ -112,11 +112,11 @@ class Driver(ABC, Generic[Fleet]):
         """
 
     @abstractmethod
-    def _next(self) -> Ending | None:
+    def _next(self) -> RunEnd | None:
         """Go on by a round, or by a message; return how the run has ended, None if it goes on."""
 
     @abstractmethod
-    def _find_results(self, ending: Ending) -> Sequence[Any]:
+    def _find_results(self, ending: RunEnd) -> Sequence[Any]:
         """Return the messages by which the coordinator says what came of the run."""
 
     @abstractmethod
@@ -128,17 +128,17 @@ class Driver(ABC, Generic[Fleet]):
         """Put a message of the coordinator on record, and pass it to whoever listens."""
 
     @abstractmethod
-    def _failed(self, error: str) -> Ending:
+    def _failed(self, error: str) -> RunEnd:
         """Return the end of a run that failed."""
 
-    def _interrupted(self) -> Ending:
+    def _interrupted(self) -> RunEnd:
         """Let what is under way come to its end, for a short while; return how the run ends."""
         return INTERRUPTED
 
     def _stop(self) -> None:
         """Do what comes before the processes are ended."""
 
-    def _tidy(self, ending: Ending) -> None:
+    def _tidy(self, ending: RunEnd) -> None:
         """Take away what is no longer needed when the results are on record."""
 
     @abstractmethod
@@ -165,7 +165,7 @@ class Driver(ABC, Generic[Fleet]):
         with self._whole():
             self._finish(INTERRUPTED)
 
-    def _play(self, act: Callable[[], Ending | None]) -> None:
+    def _play(self, act: Callable[[], RunEnd | None]) -> None:
         with self._whole():
             try:
                 with self._lock.act():
@@ -197,7 +197,7 @@ class Driver(ABC, Generic[Fleet]):
 
     # The ending.
 
-    def _finish(self, ending: Ending) -> None:
+    def _finish(self, ending: RunEnd) -> None:
         """End the run, or go on with its end where that was broken off."""
         if self._closed:
             return
@@ -213,7 +213,7 @@ class Driver(ABC, Generic[Fleet]):
             self._conclude(self.ending)
             self._close()
 
-    def _announce(self, ending: Ending) -> None:
+    def _announce(self, ending: RunEnd) -> None:
         """Publish the results, while the router is there."""
         if self._fleet is None:
             return
@@ -240,7 +240,7 @@ class Driver(ABC, Generic[Fleet]):
                 self._fleet = None
                 self._resources.close()
 
-    def _conclude(self, ending: Ending) -> None:
+    def _conclude(self, ending: RunEnd) -> None:
         """Put the results on record, those that are not there yet, and close it."""
         writer = self.writer
         try:
@@ -254,7 +254,7 @@ class Driver(ABC, Generic[Fleet]):
                 self._record(self._results[number])
             writer.close()
         except CubepathError as problem:
-            ending = self.ending = Ending("failed", ending.error or str(problem))
+            ending = self.ending = RunEnd("failed", ending.error or str(problem))
         self._tidy(ending)
         self.outcome = self.outcome_so_far()
 

@@ -18,7 +18,7 @@ from cubepath.agents.free.config import HALT_S
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.runs.asking import Release
 from cubepath.coordinator.runs.collector import Collector, refusals_in
-from cubepath.coordinator.runs.conductor import Ending, results_of
+from cubepath.coordinator.runs.conductor import RunEnd, results_of
 from cubepath.coordinator.runs.driver import INTERRUPTED, Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -103,14 +103,14 @@ class FreeDriver(Driver[FreeFleet]):
     def _release(self) -> Release:
         return self._gatherer.released
 
-    def _start(self, check: Callable[[], None]) -> Ending | None:
+    def _start(self, check: Callable[[], None]) -> RunEnd | None:
         self._check = check
         plan, task = self.plan, self.task
         self._take_up()
         if self.gathered.reached and task.assignment is None:
-            return Ending("goal")
+            return RunEnd("goal")
         if not task.max_rounds and plan.resume is None:
-            return Ending("max-rounds")
+            return RunEnd("max-rounds")
         path = self.writer.path
         logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
         if plan.resume is not None and logs is not None:
@@ -157,7 +157,7 @@ class FreeDriver(Driver[FreeFleet]):
         self._heard = time.monotonic()
         return None
 
-    def _find_results(self, ending: Ending) -> Sequence[FreeMessage]:
+    def _find_results(self, ending: RunEnd) -> Sequence[FreeMessage]:
         assignment = self.task.assignment
         return (
             *(Edges(step.round, list(step.executed)) for step in self.gathered.steps),
@@ -179,16 +179,16 @@ class FreeDriver(Driver[FreeFleet]):
         if shell is not None:
             shell.carry_out(self._collector.say(Go(self._collector.level, "stop")))
 
-    def _interrupted(self) -> Ending:
+    def _interrupted(self) -> RunEnd:
         """Let what is under way come to its end, for a short while."""
         if self._shell is not None and self._begun:
             self._check = lambda: None
             with contextlib.suppress(CubepathError):
                 self._settle(self._shell, self.fleet, _INTERRUPT_S_MAX)
-        return Ending("goal") if self._is_over else INTERRUPTED
+        return RunEnd("goal") if self._is_over else INTERRUPTED
 
-    def _failed(self, error: str) -> Ending:
-        return Ending("goal") if self._is_over else Ending("failed", error)
+    def _failed(self, error: str) -> RunEnd:
+        return RunEnd("goal") if self._is_over else RunEnd("failed", error)
 
     @property
     def _is_over(self) -> bool:
@@ -210,7 +210,7 @@ class FreeDriver(Driver[FreeFleet]):
     def _record(self, message: FreeMessage) -> None:
         self._write(message, encode(message), time.time_ns())
 
-    def _tidy(self, ending: Ending) -> None:
+    def _tidy(self, ending: RunEnd) -> None:
         """Take away the keepers' logs, unless the run can be taken up again."""
         if ending.ended != "failed" or self.gathered.failed is not None:
             shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
@@ -254,7 +254,7 @@ class FreeDriver(Driver[FreeFleet]):
             self._check()
             self._look_after(fleet)
 
-    def _next(self) -> Ending | None:
+    def _next(self) -> RunEnd | None:
         """Take what comes next."""
         fleet, shell = self.fleet, self._shell
         if shell is None:  # it comes and goes with the fleet
@@ -279,7 +279,7 @@ class FreeDriver(Driver[FreeFleet]):
             return None
         self._settle(shell, fleet)
         if self._is_over:
-            return Ending("goal")
+            return RunEnd("goal")
         if ending.ended != "goal" or self.gathered.reached:
             return ending
         collector.resting.clear()
@@ -314,16 +314,16 @@ class FreeDriver(Driver[FreeFleet]):
             if crash.idle_seconds is None:
                 crash.idle_seconds = round(after - crash.seconds, 3)
 
-    def _ended(self) -> Ending | None:
+    def _ended(self) -> RunEnd | None:
         gathered, collector, plan = self.gathered, self._collector, self.plan
         if gathered.failed is not None:
-            return Ending("failed", gathered.failed)
+            return RunEnd("failed", gathered.failed)
         if self._has_arrived:
-            return Ending("goal")
+            return RunEnd("goal")
         if collector.level >= self.task.max_rounds:
-            return Ending("max-rounds")
+            return RunEnd("max-rounds")
         if time.monotonic() - self._heard > plan.patience:
-            return Ending("failed", self._stuck())
+            return RunEnd("failed", self._stuck())
         return None
 
     def _stuck(self) -> str:
@@ -337,12 +337,7 @@ class FreeDriver(Driver[FreeFleet]):
             who += f"; no zenoh router at {self.fleet.endpoint} any more"
         return f"nothing was committed for {self.plan.patience:g} s{who}"
 
-    def _settle(
-        self,
-        shell: Shell,
-        fleet: FreeFleet,
-        seconds: float = _SETTLE_S_MAX,
-    ) -> None:
+    def _settle(self, shell: Shell, fleet: FreeFleet, seconds: float = _SETTLE_S_MAX) -> None:
         """Halt the modules, and wait until everything that was committed is known."""
         collector = self._collector
         until = time.monotonic() + seconds

@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Tail, Turns
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording

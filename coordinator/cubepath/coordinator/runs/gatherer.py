@@ -237,10 +237,7 @@ class Plausibility:
 
     def _settled(self) -> Settling:
         return Settling(
-            self._claims,
-            seed=self._seed,
-            round_number=self._round,
-            later_seeds=self._later_seeds,
+            self._claims, seed=self._seed, round_number=self._round, later_seeds=self._later_seeds
         )
 
     def _check_settled(self) -> None:

@@ -25,12 +25,12 @@ from cubepath.agents.rules.registry import (
     permitted_rule,
     rule_named,
 )
-from cubepath.agents.rules.schedule import Recorded
+from cubepath.agents.rules.schedule import RecordedChoices
 from cubepath.coordinator.runs.continuing import parent_parameters
 from cubepath.coordinator.runs.driver import Say
 from cubepath.coordinator.runs.listeners import TappedMessage, Watch
 from cubepath.coordinator.runs.on_record import (
-    OnRecord,
+    RecordedDecisions,
     Words,
     move_text,
     on_record,
@@ -199,7 +199,7 @@ def _notes(length: int) -> str:
     return f"notes of {length} numbers" if length else "no notes"
 
 
-def _check(record: OnRecord, live: tuple[int, ...]) -> None:
+def _check(record: RecordedDecisions, live: tuple[int, ...]) -> None:
     path, modules = record.recording.path, len(record.recording.scene.start)
     strange = [module for module in live if not 0 <= module < modules]
     if strange or not live:
@@ -209,7 +209,7 @@ def _check(record: OnRecord, live: tuple[int, ...]) -> None:
         raise InputError(f"{path}: no whole round is on record, expected some to compare with")
 
 
-def _stage_of(record: OnRecord) -> RuleStage:
+def _stage_of(record: RecordedDecisions) -> RuleStage:
     first, *others = record.stages
     if others:
         raise InputError(
@@ -219,7 +219,9 @@ def _stage_of(record: OnRecord) -> RuleStage:
     return first
 
 
-def _rule_of(record: OnRecord, stage: RuleStage, live: tuple[int, ...], *, joined: bool) -> str:
+def _rule_of(
+    record: RecordedDecisions, stage: RuleStage, live: tuple[int, ...], *, joined: bool
+) -> str:
     """Return the one rule that modules follow on record.
 
     For those of processes that have `joined`, whose rule may be their own, that of the family.
@@ -235,7 +237,7 @@ def _rule_of(record: OnRecord, stage: RuleStage, live: tuple[int, ...], *, joine
     return permitted_rule(names[0])
 
 
-def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
+def _note_lengths(record: RecordedDecisions, name: str) -> tuple[int, int]:
     """Return how many numbers the notes of the rule have, and those on record."""
     scene = record.recording.scene
     modules = len(scene.start)
@@ -249,7 +251,7 @@ def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
 
 
 def _branch(
-    record: OnRecord, stage: RuleStage, name: str, live: tuple[int, ...], length: int
+    record: RecordedDecisions, stage: RuleStage, name: str, live: tuple[int, ...], length: int
 ) -> Branch:
     left = {
         each: [module for module in stage.modules(each) if module not in set(live)]
@@ -257,7 +259,7 @@ def _branch(
     }
     left[name] = [*left.get(name, ()), *live]
     rules = {each: spans(those) for each, those in left.items() if those}
-    recorded = Recorded(
+    recorded = RecordedChoices(
         choices={n: chosen for n, chosen in record.choices.items() if n not in set(live)},
         note_length=length,
     )
@@ -285,7 +287,7 @@ class _Subscriber:
 
 
 def _played(
-    record: OnRecord,
+    record: RecordedDecisions,
     live: tuple[int, ...],
     running: Run,
     other: tuple[str, str] | None,
@@ -322,7 +324,7 @@ def _played(
 class _Comparing:
     """Compares what modules say, live, with what is on record."""
 
-    def __init__(self, record: OnRecord) -> None:
+    def __init__(self, record: RecordedDecisions) -> None:
         self._record = record
         self._system = record.recording.scene.system
         self.sites: list[tuple[Site, ...]] = [tuple(record.recording.scene.start)]

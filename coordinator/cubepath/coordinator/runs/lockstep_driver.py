@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cubepath.agents.processes.fleet import LockstepFleet
-from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.runs.conductor import Conductor, RunEnd
 from cubepath.coordinator.runs.driver import Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.protocol.wire.keys import topic_of
@@ -43,7 +43,7 @@ class LockstepDriver(Driver[LockstepFleet]):
         """Return what was gathered so far."""
         return self._conductor.gatherer
 
-    def _start(self, check: Callable[[], None]) -> Ending | None:
+    def _start(self, check: Callable[[], None]) -> RunEnd | None:
         plan, task, conductor = self.plan, self.task, self._conductor
         branch = task.branch
         ending = conductor.before()
@@ -78,7 +78,7 @@ class LockstepDriver(Driver[LockstepFleet]):
             self._processes = len(fleet.modules_of)
         return conductor.between(0, fleet.end_schedule)
 
-    def _next(self) -> Ending | None:
+    def _next(self) -> RunEnd | None:
         """Play a round."""
         fleet, conductor = self.fleet, self._conductor
         fleet.rest(self._pace)
@@ -88,10 +88,10 @@ class LockstepDriver(Driver[LockstepFleet]):
             self._watch()
         return conductor.between(number, fleet.end_schedule)
 
-    def _failed(self, error: str) -> Ending:
+    def _failed(self, error: str) -> RunEnd:
         return self._conductor.failed(error)
 
-    def _find_results(self, ending: Ending) -> Sequence[Message]:
+    def _find_results(self, ending: RunEnd) -> Sequence[Message]:
         return tuple(self._conductor.results(ending))
 
     def _figures(self) -> dict[str, Any]:

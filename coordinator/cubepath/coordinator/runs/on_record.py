@@ -28,16 +28,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import process_name
-from cubepath.protocol.wire.messages import (
-    Acts,
-    Claim,
-    Note,
-    Part,
-    Ready,
-    Report,
-    Verdict,
-    kind_of,
-)
+from cubepath.protocol.wire.messages import Acts, Claim, Note, Part, Ready, Report, Verdict, kind_of
 
 Words: TypeAlias = dict[tuple[str, int], Part | Report]
 """What modules said and reported in a round, by kind and module."""
@@ -45,7 +36,7 @@ _KINDS = ("note", "claim", "verdict", "report")
 
 
 @dataclass(frozen=True, slots=True)
-class OnRecord:
+class RecordedDecisions:
     """The whole rounds of a recording, from the first on."""
 
     recording: Recording
@@ -69,7 +60,7 @@ class OnRecord:
         return [each for each in self.stages if each.begins <= max(round_number, 1)][-1]
 
 
-def on_record(recording: Recording) -> OnRecord:
+def on_record(recording: Recording) -> RecordedDecisions:
     """Read what modules said and chose in the whole rounds of a recording.
 
     InputError in one line if they did not choose by rules in rounds, or if what is on record does
@@ -102,7 +93,7 @@ def on_record(recording: Recording) -> OnRecord:
         ]
         for module in range(len(recording.scene.start))
     }
-    return OnRecord(
+    return RecordedDecisions(
         recording,
         found,
         words[:whole],
@@ -113,7 +104,7 @@ def on_record(recording: Recording) -> OnRecord:
     )
 
 
-def tell_damages(record: OnRecord, say: Callable[[str], object] | None) -> None:
+def tell_damages(record: RecordedDecisions, say: Callable[[str], object] | None) -> None:
     """Say in lines what of a recording is damaged, or was, and up to where it is used."""
     recording = record.recording
     hole = hole_in(recording)

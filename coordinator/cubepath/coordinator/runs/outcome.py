@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from cubepath.coordinator.plugins import plugin
-from cubepath.coordinator.runs.conductor import Ended, Ending
+from cubepath.coordinator.runs.conductor import Ended, RunEnd
 from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.actions import Action
@@ -148,7 +148,7 @@ def outcome_of(
     plan: Plan,
     task: RunTask,
     gathered: Gathered,
-    ending: Ending,
+    ending: RunEnd,
     writer: RecordingWriter,
     **more: Any,
 ) -> Outcome:

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict
 from cubepath.agents.free.config import OnCrash
 from cubepath.agents.processes.network import NetworkConfig
 from cubepath.agents.rules.registry import own_rule, rule_for, rule_named
-from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, Recorded
+from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoices
 from cubepath.coordinator.runs.options import SPEED_MAX, RunOptions
 from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.errors import InputError
@@ -113,7 +113,7 @@ def plan_of(what: Plan | str | Path | Scene | None, rule: str | None, options: P
 class Branch:
     """What a run has of a recording whose choices modules repeat."""
 
-    recorded: Recorded
+    recorded: RecordedChoices
     rounds: int | None
     """After so many rounds all modules follow rules; None if never."""
     parameters: Mapping[str, str]
@@ -242,11 +242,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> RunTask:
         raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
     if plan.rule is not None and not plan.repair:
         raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
-    from cubepath.coordinator.runs.schedule_reading import (  # noqa: PLC0415 - few runs have one
-        assignment_of,
-        read_schedule,
-        with_end,
-    )
+    from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule, with_end  # noqa: PLC0415 - few runs have one
 
     schedule = read_schedule(path)
     scene = schedule.scene

@@ -26,9 +26,9 @@ from cubepath.agents.free.fleet import BIRTHS, LogsInfo, log_of, read_births
 from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.keepers.journal import (
     Acknowledged,
-    Born,
     Committed,
     Decided,
+    JoinedRecord,
     Opened,
     Prepared,
     Record,
@@ -53,8 +53,8 @@ from cubepath.protocol.wire.free_messages import (
     Tells,
     decode_free,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
-from cubepath.protocol.wire.tiles import Tiles
 
 _Number: TypeAlias = tuple[int, ...]
 _COMMIT, _PREPARED, _DECIDED, _OPENED = "commit", "prepared attempt", "decided attempt", "birth"
@@ -99,7 +99,7 @@ class _Known:
             case Acknowledged():
                 key = _Key(record.keeper, _DECIDED, record.module)
                 self._tell(key, (record.epoch, record.number), where)
-            case Born(enter=enter):
+            case JoinedRecord(enter=enter):
                 self._entered[enter.module] += 1
 
     def message(self, message: FreeMessage, where: Path) -> None:
@@ -224,11 +224,7 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, RunTask, Recording]:
 
     InputError if its keepers' logs are not there: a run that did not fail takes them away.
     """
-    given = {
-        "system": plan.system,
-        "schedule": plan.schedule,
-        "speed": plan.speeds,
-    }
+    given = {"system": plan.system, "schedule": plan.schedule, "speed": plan.speeds}
     for key, value in given.items():
         if value:
             raise InputError(f"{key}: the run that is resumed has its own")

@@ -30,8 +30,8 @@ from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import read_undamaged
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Stopped
-from cubepath.protocol.wire.tiles import Tiles
 
 
 @dataclass(frozen=True, slots=True)

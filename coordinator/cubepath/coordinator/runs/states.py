@@ -18,7 +18,7 @@ from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_i
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.recordings.cuts import is_beginning, left_out
+from cubepath.protocol.recordings.cutting import is_beginning, left_out
 from cubepath.protocol.recordings.recording import Recording, rounds_in_turn
 
 Steps: TypeAlias = Sequence[Iterable[Action]]

@@ -25,7 +25,7 @@ from cubepath.protocol.path_files.path_lines import write_path
 
 
 @dataclass(frozen=True, slots=True)
-class Converted:
+class ConversionResult:
     """What was written: "moves" or "cubes", and how many of them.
 
     `unsolved` is one line on how a plan's end differs from what its instance asks for, or None.
@@ -43,7 +43,7 @@ def convert(
     system: str | None = None,
     progress: Progress | None = None,
     hints: PlanHints = NO_HINTS,
-) -> Converted:
+) -> ConversionResult:
     """Write a path, or the cubes of a binary cubes file, in the form given by the target's name.
 
     ``.npz`` is the binary form, anything else JSON Lines. Moves named by generator keep their
@@ -67,14 +67,14 @@ def convert(
                 )
             cubes = read_cubes_npz(file)
             write_cubes(target, cubes)
-            return Converted("cubes", len(cubes))
+            return ConversionResult("cubes", len(cubes))
         given = read_input(file, system, hints, progress)
     path = given.numbered
     if binary:
         write_moves_npz(target, path)
     else:
         write_path(target, path)
-    return Converted("moves", len(path.numbers), given.unsolved)
+    return ConversionResult("moves", len(path.numbers), given.unsolved)
 
 
 def difference_of(

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TypeAlias
 
-from cubepath.agents.keepers.journal import Born, Committed, Decided, Prepared, Record
+from cubepath.agents.keepers.journal import Committed, Decided, JoinedRecord, Prepared, Record
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
@@ -34,12 +34,12 @@ from cubepath.protocol.wire.free_messages import (
     Turn,
     Turns,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 Register = tuple[int, ...]
 
 
-class Broken(Exception):  # noqa: N818 - named for what happened
+class OracleError(Exception):
     """Something does not hold: its kind, by which failures are the same, and one line."""
 
     def __init__(self, kind: str, detail: str) -> None:
@@ -51,7 +51,7 @@ class Broken(Exception):  # noqa: N818 - named for what happened
 def same(kind: str, what: str, found: object, expected: object) -> None:
     """Raise Broken if the two are not equal."""
     if found != expected:
-        raise Broken(kind, f"{what}: found {found!r}, expected {expected!r}")
+        raise OracleError(kind, f"{what}: found {found!r}, expected {expected!r}")
 
 
 class FreeState:
@@ -109,7 +109,7 @@ class FreeState:
     def born(self, module: int, birth: int) -> None:
         """Begin a module's next epoch."""
         if birth <= self.birth[module]:
-            raise Broken("birth", f"module_{module} is born again with birth {birth}")
+            raise OracleError("birth", f"module_{module} is born again with birth {birth}")
         self.birth[module] = birth
         self.epoch[module] += 1
 
@@ -144,9 +144,9 @@ class FreeState:
         for move in self.system.moves_at(site):
             if move.generator == attempt.generator and move.at == at:
                 if not move.possible(self.on):
-                    raise Broken("admissible", f"{who}: {move.generator} at {at!r} is not")
+                    raise OracleError("admissible", f"{who}: {move.generator} at {at!r} is not")
                 return move
-        raise Broken("admissible", f"{who}: there is no {attempt.generator} at {at!r}")
+        raise OracleError("admissible", f"{who}: there is no {attempt.generator} at {at!r}")
 
     def _touch(self, attempt: Attempt, moved: Moved, move: Move, who: str) -> None:
         system, action = self.system, move.action
@@ -203,7 +203,7 @@ class FreeState:
             del self.at[place]
         for module, _, target in taken:
             if place_of(target) in self.at:
-                raise Broken("place", f"{who}: two modules at {target!r}")
+                raise OracleError("place", f"{who}: two modules at {target!r}")
             self.at[place_of(target)] = module
             self.site[module] = target
         self.note.update(written)
@@ -267,7 +267,7 @@ class Oracle:
                     self._commit(keeper, passed.attempt, decision)
                 case Decided(decision=decision):
                     self._decide(keeper, decision)
-                case Born(enter=enter):
+                case JoinedRecord(enter=enter):
                     at = self.state.system.place_of(self.state.site[enter.module])
                     what = f"keeper of module_{enter.module}, which enters"
                     same("birth", what, keeper, self._tiles.keeper_of(at))
@@ -279,16 +279,16 @@ class Oracle:
         name = _name(attempt)
         same("name", f"what {_what(name)} asks for", attempt, self._asked.get(name))
         if name in self._committed:
-            raise Broken("again", f"{_what(name)} is prepared after it was committed")
+            raise OracleError("again", f"{_what(name)} is prepared after it was committed")
 
     def _commit(self, keeper: int, attempt: Attempt, decision: Decision) -> None:
         name, moved = _name(attempt), decision.moved
         self._current(attempt)
         if name in self._refused:
             why = next(iter(self._refused[name].values()))
-            raise Broken("refused", f"{_what(name)} is committed, and was refused: {why}")
+            raise OracleError("refused", f"{_what(name)} is committed, and was refused: {why}")
         if moved is None:
-            raise Broken("commit", f"{_what(name)} is committed without a move")
+            raise OracleError("commit", f"{_what(name)} is committed without a move")
         mine = self.commits[keeper]
         same("serial", f"{_what(name)}", (moved.keeper, moved.serial), (keeper, len(mine) + 1))
         same("name", f"the commit of {_what(name)}", _name_of(moved), (*name, attempt.turn))
@@ -305,7 +305,9 @@ class Oracle:
             same("decided", f"{_what(name)}", decision, self._committed.get(name))
             self._learned.setdefault(name, set()).add(keeper)
         elif name in self._committed:
-            raise Broken("refused", f"{_what(name)} was committed, and is refused: {decision.why}")
+            raise OracleError(
+                "refused", f"{_what(name)} was committed, and is refused: {decision.why}"
+            )
         else:
             self._refused.setdefault(name, {})[keeper] = decision.why
 
@@ -349,14 +351,16 @@ class Oracle:
 
     def _turn(self, turn: Turn) -> None:
         if turn.failed is not None:
-            raise Broken("rule", f"module_{turn.module}: {turn.failed}")
+            raise OracleError("rule", f"module_{turn.module}: {turn.failed}")
         where = self.state.sites.get((turn.module, turn.version))
         what = f"module_{turn.module} in version {turn.version} believes to be at"
         same("turn", what, site_from_json(turn.site), where)
         if turn.number is not None and turn.number > 1:
             before = turn.module, turn.epoch, turn.number - 1
             if before not in self._committed and before not in self._refused:
-                raise Broken("next", f"attempt {turn.number} follows, but {_what(before)} is open")
+                raise OracleError(
+                    "next", f"attempt {turn.number} follows, but {_what(before)} is open"
+                )
 
     def _entered(self, entered: Entered) -> None:
         state, held = self.state, entered.occupant
@@ -385,7 +389,7 @@ class Oracle:
             same("told", _what(name), decision.why, self._refused[name][keeper])
         else:
             why = f"{_what(name)} is told by keeper_{keeper} to be refused: {decision.why}"
-            raise Broken("told", f"{why}; its log does not say so")
+            raise OracleError("told", f"{why}; its log does not say so")
 
     def _passed(self, keeper: int, decision: Decision) -> None:
         """Check what a keeper is told; who knows better takes no note."""
@@ -393,7 +397,7 @@ class Oracle:
         if decision.moved is not None:
             same("passed", _what(name), decision, self._committed.get(name))
         elif name in self._committed and keeper not in self._learned.get(name, ()):
-            raise Broken("passed", f"{_what(name)} was committed, and is passed on as refused")
+            raise OracleError("passed", f"{_what(name)} was committed, and is passed on as refused")
 
     def _shown(self, parts: Iterable[Shown]) -> None:
         for part in parts:
@@ -410,7 +414,7 @@ class Oracle:
         mine = self.commits[tail.keeper]
         last = tail.serial
         if last > len(mine):
-            raise Broken(
+            raise OracleError(
                 "tail", f"keeper_{tail.keeper} tells of {last} commits, {len(mine)} are logged"
             )
         if tail.parts:

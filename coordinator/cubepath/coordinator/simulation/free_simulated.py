@@ -31,7 +31,7 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
 from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults, FaultsForAWhile
-from cubepath.coordinator.simulation.free_oracle import Broken, Oracle
+from cubepath.coordinator.simulation.free_oracle import Oracle, OracleError
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario
 from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
@@ -51,9 +51,9 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
     free_key,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect, Listen, Node, Put, Timer
-from cubepath.protocol.wire.tiles import Tiles
 
 
 class SimulatedJournal:
@@ -375,7 +375,7 @@ class _Run:
         """Play to the end; return the first thing that does not hold."""
         try:
             self.network.run(_STEPS_MAX, 10**15)
-        except Broken as broken:
+        except OracleError as broken:
             return Failure(broken.kind, str(broken))
         except EndlessRun as error:
             return Failure("liveness", f"{error}, {self._where()}")
@@ -388,7 +388,7 @@ class _Run:
 
     def _died(self, process: int, error: CubepathError | None) -> list[Effect]:
         if error is not None:
-            raise Broken("ended", f"process {process} ended: {error}")
+            raise OracleError("ended", f"process {process} ended: {error}")
         return []
 
     # What is watched.
@@ -446,7 +446,7 @@ class _Run:
                 self.came_to = "blocked"
                 self._begin("rest")
         if self.phase == "on" and network.now_us - self._since_us > _ON_US:
-            raise Broken(
+            raise OracleError(
                 "liveness", f"no end {_ON_US // SECOND_US} s after the faults, {self._where()}"
             )
 
@@ -472,7 +472,7 @@ class _Run:
         if why is None:
             self.network.stop()
         elif self.network.now_us - self._since_us > _REST_US:
-            raise Broken("rest", f"{_REST_US // SECOND_US} s after the last attempt: {why}")
+            raise OracleError("rest", f"{_REST_US // SECOND_US} s after the last attempt: {why}")
 
     def _untold(self) -> str | None:
         for keeper, name in enumerate(keeper_names(self.scenario)):

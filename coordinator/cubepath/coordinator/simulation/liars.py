@@ -247,12 +247,7 @@ class Liar:
         return next((move.target for move in named if move.at == placed.at), site)
 
 
-_ABOUT = {
-    "here": "lie-claim",
-    "note": "lie-note",
-    "claim": "lie-claim",
-    "verdict": "lie-verdict",
-}
+_ABOUT = {"here": "lie-claim", "note": "lie-note", "claim": "lie-claim", "verdict": "lie-verdict"}
 """The lie that there is about a kind of part alone; instead of where it is a module may claim."""
 
 

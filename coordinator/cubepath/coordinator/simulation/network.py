@@ -102,7 +102,7 @@ class NodeError(Exception):
 
 
 @dataclass(slots=True)
-class Process:
+class SimulatedProcess:
     """A process that holds a node: what it has received, and how it is connected."""
 
     name: str
@@ -137,7 +137,7 @@ class Process:
 class _Letter:
     """What is under way: from whom, since when, and in which life of the router."""
 
-    sender: Process
+    sender: SimulatedProcess
     effect: Put | Listen | Ignore
     sent_us: int
     router_life: int
@@ -159,7 +159,7 @@ class SimulatedNetwork:
         self._trace = trace
         self._events: list[tuple[int, int, Callable[..., None], tuple[Any, ...]]] = []
         self._count = 0
-        self._processes: list[Process] = []
+        self._processes: list[SimulatedProcess] = []
         self._tables: list[dict[str, None]] = []
         """By process the keys that the router knows that it listens to."""
         self._exact: dict[str, dict[int, None]] = {}
@@ -183,20 +183,15 @@ class SimulatedNetwork:
         return Counter(fault.kind for fault in self.fired)
 
     def add(
-        self,
-        name: str,
-        make: Callable[[], Node],
-        start_us: int = 0,
-        *,
-        tear: Tear | None = None,
+        self, name: str, make: Callable[[], Node], start_us: int = 0, *, tear: Tear | None = None
     ) -> None:
         """Add a process that starts at a time; the end of the first is the end of the run."""
-        process = Process(name, len(self._processes), make, make(), tear)
+        process = SimulatedProcess(name, len(self._processes), make, make(), tear)
         self._processes.append(process)
         self._tables.append({})
         self._at(start_us, self._start, process)
 
-    def _start(self, process: Process) -> None:
+    def _start(self, process: SimulatedProcess) -> None:
         self._take(process, lambda _: process.node.start(), None)
 
     def on_death(self, died: Died) -> None:
@@ -252,13 +247,13 @@ class SimulatedNetwork:
 
     # Processes.
 
-    def _take(self, process: Process, take: Take, given: Any) -> None:
+    def _take(self, process: SimulatedProcess, take: Take, given: Any) -> None:
         process.inbox.append((take, given))
         if not process.serving:
             process.serving = True
             self._at(max(self.now_us, process.free_us), self._serve, process, process.life)
 
-    def _serve(self, process: Process, life: int) -> None:
+    def _serve(self, process: SimulatedProcess, life: int) -> None:
         if process.life != life or not process.alive:
             return
         if self.now_us < process.free_us:
@@ -281,7 +276,9 @@ class SimulatedNetwork:
         if process.serving:
             self._at(process.free_us, self._serve, process, life)
 
-    def _act(self, process: Process, take: Take, given: Any, cut: Fault | None = None) -> None:
+    def _act(
+        self, process: SimulatedProcess, take: Take, given: Any, cut: Fault | None = None
+    ) -> None:
         try:
             effects = take(given)
         except CubepathError as error:
@@ -302,7 +299,7 @@ class SimulatedNetwork:
             self._kill(process, cut)
 
     def _cut_short(
-        self, process: Process, cut: Fault, effects: list[Effect]
+        self, process: SimulatedProcess, cut: Fault, effects: list[Effect]
     ) -> tuple[Fault | None, list[Effect]]:
         """Return what still comes of a step; and the fault, if there is anything that it cuts."""
         number = self._noise(process.number, process.taken)
@@ -313,7 +310,7 @@ class SimulatedNetwork:
             return (cut, []) if torn else (None, effects)
         return cut, effects
 
-    def _carry_out(self, process: Process, effect: Effect, at_us: int) -> None:
+    def _carry_out(self, process: SimulatedProcess, effect: Effect, at_us: int) -> None:
         match effect:
             case Put():
                 put = effect if self._through is None else self._through(process.name, effect)
@@ -332,7 +329,7 @@ class SimulatedNetwork:
             case End():
                 self._end(process, None)
 
-    def _will_hear(self, process: Process, keys: tuple[str, ...]) -> None:
+    def _will_hear(self, process: SimulatedProcess, keys: tuple[str, ...]) -> None:
         for key in keys:
             if "*" in key.removesuffix(EVERYTHING):
                 expected = f"expected a key, or one that ends in {EVERYTHING}"
@@ -341,19 +338,19 @@ class SimulatedNetwork:
                 raise NodeError(f"{process.name} listens to {key} twice")
             process.listening[key] = None
 
-    def _will_ignore(self, process: Process, keys: tuple[str, ...]) -> None:
+    def _will_ignore(self, process: SimulatedProcess, keys: tuple[str, ...]) -> None:
         for key in keys:
             if key not in process.listening:
                 raise NodeError(f"{process.name} ignores {key}, which it does not listen to")
             del process.listening[key]
 
-    def _set_timer(self, process: Process, seconds: float | None) -> None:
+    def _set_timer(self, process: SimulatedProcess, seconds: float | None) -> None:
         process.timers += 1
         if seconds is not None:
             due_us = self.now_us + max(1, round(seconds * SECOND_US))
             self._at(due_us, self._tick, process, process.timers)
 
-    def _tick(self, process: Process, timer: int) -> None:
+    def _tick(self, process: SimulatedProcess, timer: int) -> None:
         if process.timers != timer or not process.alive:
             return
         # A process looks at its timer when no message waits for it.
@@ -363,7 +360,7 @@ class SimulatedNetwork:
         process.free_us = self.now_us + SERVE_US
         self._act(process, lambda _: process.node.tick(), None)
 
-    def _end(self, process: Process, error: CubepathError | None) -> None:
+    def _end(self, process: SimulatedProcess, error: CubepathError | None) -> None:
         self._die(process)
         self._remark(process.name, "end" if error is None else str(error))
         if process.number == 0:
@@ -372,7 +369,7 @@ class SimulatedNetwork:
         elif error is not None:
             self._tell_death(process, error)
 
-    def _tell_death(self, process: Process, error: CubepathError | None) -> None:
+    def _tell_death(self, process: SimulatedProcess, error: CubepathError | None) -> None:
         if self._died is not None:
             self._at(self.now_us + NOTICE_US, self._notice, process.number - 1, error)
 
@@ -383,7 +380,7 @@ class SimulatedNetwork:
 
     # Faults of processes and of the router.
 
-    def _strike(self, process: Process, fault: Fault) -> bool:
+    def _strike(self, process: SimulatedProcess, fault: Fault) -> bool:
         """Let a fault happen to a process; return whether it takes no message now."""
         if fault.kind not in STANDING:
             self._kill(process, fault)
@@ -398,7 +395,7 @@ class SimulatedNetwork:
         self._at(process.free_us, self._serve, process, process.life)
         return True
 
-    def _kill(self, process: Process, fault: Fault) -> None:
+    def _kill(self, process: SimulatedProcess, fault: Fault) -> None:
         """End a process; if the fault takes time, another one takes its place after that."""
         self.fired.append(fault)
         self._die(process)
@@ -410,7 +407,7 @@ class SimulatedNetwork:
             self._span(process.name, fault, None)
             self._tell_death(process, None)
 
-    def _come_back(self, process: Process) -> None:
+    def _come_back(self, process: SimulatedProcess) -> None:
         try:
             process.node = process.make()
         except Exception as error:
@@ -422,7 +419,7 @@ class SimulatedNetwork:
         self._remark(process.name, how)
         self._start(process)
 
-    def _die(self, process: Process) -> None:
+    def _die(self, process: SimulatedProcess) -> None:
         process.alive = process.serving = False
         process.life += 1
         process.timers += 1
@@ -431,7 +428,7 @@ class SimulatedNetwork:
         process.listening.clear()
         self._disconnect(process)
 
-    def _disconnect(self, process: Process) -> None:
+    def _disconnect(self, process: SimulatedProcess) -> None:
         process.connected = False
         self._routes.clear()
         for key in self._tables[process.number]:
@@ -470,7 +467,7 @@ class SimulatedNetwork:
             later = self._noise(process.number, self._routed) % RECONNECT_US
             self._at(self.now_us + later, self._connect, process)
 
-    def _connect(self, process: Process) -> None:
+    def _connect(self, process: SimulatedProcess) -> None:
         if process.alive and self._router_up and not process.connected:
             process.connected = True
             for key in process.listening:
@@ -484,7 +481,7 @@ class SimulatedNetwork:
         mixed = (mixed ^ (mixed >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
         return mixed ^ (mixed >> 13)
 
-    def _send(self, process: Process, effect: Put | Listen | Ignore, at_us: int) -> None:
+    def _send(self, process: SimulatedProcess, effect: Put | Listen | Ignore, at_us: int) -> None:
         """Send an effect up to the router at a time, now or a little later."""
         letter = _Letter(process, effect, at_us, self._router_life)
         if not process.connected:
@@ -507,7 +504,7 @@ class SimulatedNetwork:
             self._declare(letter.sender, letter.effect)
 
     def _ways(
-        self, process: Process, link: str, from_us: int, *, plain: bool
+        self, process: SimulatedProcess, link: str, from_us: int, *, plain: bool
     ) -> list[tuple[int, Fate]]:
         """Return when a message arrives over a link, and each copy of it.
 
@@ -543,7 +540,7 @@ class SimulatedNetwork:
             return [(arrival, "arrived"), (arrival + fault.amount_us, "second")]
         return [(arrival, "arrived")]
 
-    def _declare(self, process: Process, effect: Listen | Ignore) -> None:
+    def _declare(self, process: SimulatedProcess, effect: Listen | Ignore) -> None:
         for key in effect.keys:
             if isinstance(effect, Listen):
                 self._listen(process, key)
@@ -552,7 +549,7 @@ class SimulatedNetwork:
                 del self._tables[process.number][key]
                 del self._listeners(key)[process.number]
 
-    def _listen(self, process: Process, key: str) -> None:
+    def _listen(self, process: SimulatedProcess, key: str) -> None:
         self._routes.clear()
         self._tables[process.number][key] = None
         self._listeners(key)[process.number] = None
@@ -589,7 +586,7 @@ class SimulatedNetwork:
             found = self._routes[key] = tuple(sorted(listeners))
         return found
 
-    def _arrive(self, letter: _Letter, receiver: Process, life: int, fate: Fate) -> None:
+    def _arrive(self, letter: _Letter, receiver: SimulatedProcess, life: int, fate: Fate) -> None:
         gone = letter.router_life != self._router_life or receiver.life != life
         if gone or fate == "lost":
             self._arrow(letter, receiver, "lost")
@@ -601,7 +598,7 @@ class SimulatedNetwork:
 
     # The trace.
 
-    def _arrow(self, letter: _Letter, receiver: Process | None, fate: Fate) -> None:
+    def _arrow(self, letter: _Letter, receiver: SimulatedProcess | None, fate: Fate) -> None:
         put = letter.effect
         if self._trace is not None and isinstance(put, Put):
             name = None if receiver is None else receiver.name
@@ -619,6 +616,6 @@ class SimulatedNetwork:
             self._trace.remarks.append(Remark(self.now_us, who, text))
 
 
-def _node_error(process: Process, error: Exception) -> NodeError:
+def _node_error(process: SimulatedProcess, error: Exception) -> NodeError:
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return NodeError(f"{process.name} raised {what}")

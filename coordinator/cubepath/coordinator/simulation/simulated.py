@@ -18,15 +18,14 @@ from typing import TypeAlias
 
 import msgspec
 
-from cubepath.agents.environments.playing import play
-from cubepath.agents.environments.rollout import Played
+from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.runs.conductor import Conductor, RunEnd
 from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
 from cubepath.coordinator.simulation.liars import Liar
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
@@ -36,7 +35,7 @@ from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
 from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
@@ -49,7 +48,7 @@ class Coordinator:
 
     def __init__(self, pacer: Pacer, conductor: Conductor, record: Keeps) -> None:
         """Begin; `record` is given what belongs on record."""
-        self.ending: Ending | None = None
+        self.ending: RunEnd | None = None
         """How the run has ended; None while it goes on."""
         self._pacer = pacer
         self._conductor = conductor
@@ -92,7 +91,7 @@ class Coordinator:
                 return [*done, *self._ended(ending)]
             effects = self._pacer.begin_round()
 
-    def _ended(self, ending: Ending) -> list[Effect]:
+    def _ended(self, ending: RunEnd) -> list[Effect]:
         self.ending = ending
         effects = self._pacer.stop()
         self._keep(effects)
@@ -144,7 +143,7 @@ class SimulatedRun:
 
     scenario: Scenario
     fired: tuple[Fault, ...]
-    ending: Ending | None
+    ending: RunEnd | None
     rounds: int
     failure: Failure | None
     recording: Recording
@@ -222,14 +221,10 @@ class _Run:
         self.scenario = scenario
         self.scene = scenario.scene
         self.rule = rule_named(scenario.rule, self.scene.system)
-        self.ending: Ending | None = None
+        self.ending: RunEnd | None = None
         self.network = SimulatedNetwork(faults, fault_seed, trace)
         modules_of = dealt(self.scene, scenario.processes)
-        self.conductor = Conductor(
-            self.scene,
-            max_rounds=scenario.max_rounds,
-            record=self._result,
-        )
+        self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
         self.conductor.know(modules_of, scenario.seed)
         self._records: list[Record] = []
         self._expected: list[_Moves] = []
@@ -237,11 +232,7 @@ class _Run:
         judge = Judge(RUN, modules_of, self.scene.system)
         judge.note_length = self.rule.note_length(len(self.scene.start))
         self._pacer = Pacer(
-            RUN,
-            modules_of,
-            judge=judge,
-            check=self.conductor.check,
-            patience_s=PATIENCE_S,
+            RUN, modules_of, judge=judge, check=self.conductor.check, patience_s=PATIENCE_S
         )
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
         self._modules_of = modules_of
@@ -291,7 +282,7 @@ class _Run:
             failure = self._ended(reference)
         return failure or self._blamed(reference) or self._accused() or self._verified()
 
-    def _reference(self) -> Played:
+    def _reference(self) -> Rollout:
         scenario = self.scenario
         return play(
             self.scene,
@@ -371,7 +362,7 @@ class _Run:
         moves = f"round {edges.round} has the moves {_named(found)}"
         return Failure("path", f"{moves}, without faults {_named(expected)}")
 
-    def _ended(self, reference: Played) -> Failure | None:
+    def _ended(self, reference: Rollout) -> Failure | None:
         """Compare how the run ended; a fault may have ended it before."""
         ending, expected = self.ending, _end_of(reference)
         if ending is not None and ending.ended == "failed" and ending != expected:
@@ -383,7 +374,7 @@ class _Run:
         without = f"{_told(expected)} after {len(reference.rounds)}"
         return Failure("outcome", f"{after}, without faults {without}")
 
-    def _blamed(self, reference: Played) -> Failure | None:
+    def _blamed(self, reference: Rollout) -> Failure | None:
         """Check that a run that failed was ended by a fault that may end it, and says so."""
         ending = self.ending
         if ending is None or ending.ended != "failed" or ending == _end_of(reference):
@@ -451,13 +442,13 @@ def _named(moves: _Moves) -> str:
     return ", ".join(f"module_{module} {name} {at!r}" for module, name, at in moves) or "none"
 
 
-def _end_of(reference: Played) -> Ending:
+def _end_of(reference: Rollout) -> RunEnd:
     if reference.failed is not None:
-        return Ending("failed", reference.failed.replace("module ", "module_"))
-    return Ending("goal" if reference.reached else "max-rounds")
+        return RunEnd("failed", reference.failed.replace("module ", "module_"))
+    return RunEnd("goal" if reference.reached else "max-rounds")
 
 
-def _told(ending: Ending | None) -> str:
+def _told(ending: RunEnd | None) -> str:
     if ending is None:
         return "no end"
     return ending.ended + (f" ({ending.error})" if ending.error else "")

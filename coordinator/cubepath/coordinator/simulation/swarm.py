@@ -216,7 +216,7 @@ OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "f
 """How a run can come out: it ends as without faults in the first three, or by one, or it fails."""
 
 
-class Lockstep:
+class LockstepSwarm:
     """Simulates runs with rounds."""
 
     kinds = KINDS
@@ -292,7 +292,7 @@ FREE_OUTCOMES = ("goal", "moves", "blocked", "failure")
 or these were in the way of the goal; or it fails."""
 
 
-class Free:
+class FreeSwarm:
     """Simulates runs without rounds."""
 
     kinds = FREE_KINDS
@@ -338,7 +338,7 @@ class Free:
         return free_kind(message)
 
 
-Simulator: TypeAlias = Lockstep | Free
+Simulator: TypeAlias = LockstepSwarm | FreeSwarm
 _SAME_NAMES_MAX = 1000
 
 
@@ -368,10 +368,10 @@ class KeptRun:
 
 
 @dataclass(slots=True)
-class Tally:
+class SeedTally:
     """What came of the seeds so far."""
 
-    simulator: Simulator = field(default_factory=Lockstep)
+    simulator: Simulator = field(default_factory=LockstepSwarm)
     seeds: int = 0
     steps: int = 0
     long: int = 0
@@ -407,13 +407,13 @@ class Tally:
 
 def simulator_of(asked: ScenarioOptions) -> Simulator:
     """Return what simulates the runs that are asked for."""
-    return Free(asked) if asked.clock == "free" else Lockstep(asked)
+    return FreeSwarm(asked) if asked.clock == "free" else LockstepSwarm(asked)
 
 
 def simulate_seeds(
     seeds: Iterable[int],
     folder: Path,
-    tally: Tally,
+    tally: SeedTally,
     *,
     failing: Callable[[int], object] | None = None,
 ) -> Iterator[KeptRun | None]:

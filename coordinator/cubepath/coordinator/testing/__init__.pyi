@@ -19,11 +19,12 @@ from cubepath.coordinator.testing.replaying import (
 )
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
-from cubepath.coordinator.testing.strategies import faults as faults, scenarios as scenarios
-from cubepath.coordinator.testing.trials import (
+from cubepath.coordinator.testing.strategies import (
     Trial as Trial,
     TrialResult as TrialResult,
     fault as fault,
+    faults as faults,
+    scenarios as scenarios,
     trial_of as trial_of,
 )
 from cubepath.coordinator.testing.wire_messages import WireMessage as WireMessage

@@ -25,7 +25,7 @@ from cubepath.coordinator.testing.replaying import (
     replay_into_node,
 )
 from cubepath.coordinator.testing.run_under_test import CommandLine, RunUnderTest
-from cubepath.coordinator.testing.trials import TrialResult, trial_of
+from cubepath.coordinator.testing.strategies import TrialResult, trial_of
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.wire.nodes import Effect, Node
 

@@ -29,16 +29,17 @@ from cubepath.coordinator.testing.rules import Direction, Fate, Rule, fate_of
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import new_file
-from cubepath.protocol.wire.credentials import GUEST, Credentials
-from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
-from cubepath.protocol.wire.sessions import open_client, open_router, publisher
-from cubepath.protocol.wire.sockets import (
+from cubepath.protocol.wire.credentials import (
+    GUEST,
     PASSWORDS,
+    Credentials,
     clear,
     discard,
     is_private,
     new_endpoint,
 )
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
+from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
 """So many messages wait in a direction at most."""

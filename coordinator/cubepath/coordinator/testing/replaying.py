@@ -79,11 +79,7 @@ def _on_wire(seen: WireMessage, run: str) -> WireMessage:
 
 
 def live_modules(
-    log: RunLog,
-    modules: Iterable[int] | None = None,
-    *,
-    diverging: bool = False,
-    **options: Any,
+    log: RunLog, modules: Iterable[int] | None = None, *, diverging: bool = False, **options: Any
 ) -> LiveReplay:
     """Replay a log with these modules live, by default all, and the others as on record.
 
@@ -173,11 +169,7 @@ class Listener:
 
         try:
             self.replayed: ReplayResult = replay(
-                log.recording,
-                rate=rate,
-                kinds=kinds,
-                endpoint="tcp/127.0.0.1:0",
-                announce=announce,
+                log.recording, rate=rate, kinds=kinds, endpoint="tcp/127.0.0.1:0", announce=announce
             )
         except BaseException:
             self.close()

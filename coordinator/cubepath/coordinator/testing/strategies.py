@@ -1,4 +1,7 @@
-"""Strategies of hypothesis: faults, and runs with faults, that shrink to few, early and short ones.
+"""Trials: a run under listed faults in virtual time, in this process, and what must hold of it.
+
+The nodes are those of real processes, on the wire of `simulation`. Strategies of hypothesis draw
+trials, and a trial can be written down by hand as well.
 
 It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the room imports it.
 """
@@ -6,12 +9,251 @@ It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the ro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeAlias
 
-from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS, Fault
-from cubepath.coordinator.simulation.scenarios import built
-from cubepath.coordinator.testing.trials import Clock, Trial, places, trial_of
+from cubepath.coordinator.runs.plan import Plan, task_of
+from cubepath.coordinator.simulation.faults import (
+    ENDING,
+    FREE_KINDS,
+    KINDS,
+    ON_HOPS,
+    ROUTER,
+    SECOND_US,
+    STARTS,
+    Fault,
+    ListedFaults,
+)
+from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
+from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
+from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
+from cubepath.coordinator.testing.log import RunLog
+from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.wire.credentials import COORDINATOR
+
+Clock: TypeAlias = Literal["lockstep", "free"]
+_ON_ROUTER = ("router", "partition")
+_LASTING = ("delay", "reorder", "drag", "pause", "slow", "stall", "late", "partition")
+"""The kinds that are nothing if they take no time."""
+_LONG_US = 20_000_000
+_FAULTS_SHOWN = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One run and its faults: the same trial is the same run, bit for bit.
+
+    >>> trial = trial_of("hex:n=4", faults=[fault("loss", "process_0 up", 3)], processes=2)
+    >>> trial.check().goal_reached
+    True
+    """
+
+    scenario: Scenario | FreeScenario
+    faults: tuple[Fault, ...] = ()
+
+    def play(self, make: MakeNode = host_node) -> TrialResult:
+        """Simulate the run, and return what came of it; nothing is raised that fails in it.
+
+        `make` makes the nodes of module processes of a run with rounds: your own code, from its
+        orders and the scene.
+        """
+        if isinstance(self.scenario, FreeScenario):
+            if make is not host_node:
+                raise InputError("make: only for runs with rounds (clock=lockstep)")
+            return TrialResult(self, free_simulate(self.scenario, ListedFaults(self.faults)))
+        return TrialResult(self, simulate(self.scenario, ListedFaults(self.faults), make=make))
+
+    def check(self, make: MakeNode = host_node) -> TrialResult:
+        """Simulate the run, and check that everything holds; AssertionError tells what does not.
+
+        With rounds: the path is the one without faults, the run ends as it does there unless a
+        fault ended it, and its log is legal. Without rounds: every invariant of keepers, and that
+        the run goes on after its faults.
+        """
+        __tracebackhide__ = True
+        tried = self.play(make)
+        tried.assert_holds()
+        return tried
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """What came of a trial."""
+
+    trial: Trial
+    run: SimulatedRun | FreeSimulatedRun
+
+    @property
+    def fired(self) -> tuple[Fault, ...]:
+        """Return the faults that came to pass, in order."""
+        return self.run.fired
+
+    @property
+    def outcome(self) -> str:
+        """Return how the run came out: "goal", "max-rounds", "moves", "crash", "failure" ..."""
+        return self.run.outcome
+
+    @property
+    def goal_reached(self) -> bool:
+        """Return whether the modules came to their goal."""
+        return self.run.outcome == "goal"
+
+    @property
+    def seconds(self) -> float:
+        """Return the virtual time that it took."""
+        return self.run.seconds
+
+    @property
+    def log(self) -> RunLog:
+        """Return the log of a run with rounds; InputError for one without, which keeps none."""
+        if isinstance(self.run, FreeSimulatedRun):
+            raise InputError("log: a simulated run without rounds keeps none, expected lockstep")
+        return RunLog(self.run.recording)
+
+    def write(self, path: Path) -> None:
+        """Write the recording of a run with rounds to a new file; InputError for one without."""
+        recording = self.log.recording
+        with RecordingWriter(path, recording.scene, recording.parameters) as writer:
+            for each in recording.records:
+                writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
+
+    def assert_holds(self) -> None:
+        """Check that everything held; AssertionError tells what did not, and under which faults."""
+        __tracebackhide__ = True
+        failure = self.run.failure
+        if failure is None:
+            return
+        self._fail(failure.detail)
+
+    def _fail(self, detail: str) -> NoReturn:
+        __tracebackhide__ = True
+        scenario = self.trial.scenario
+        of = f"{scenario.processes} processes, hesitate {scenario.hesitate:g}"
+        lines = [
+            short(detail),
+            f"system {scenario.system}, rule {scenario.rule}, seed {scenario.seed}, {of}",
+            *(f"fault: {_told(fault)}" for fault in self.fired[:_FAULTS_SHOWN]),
+        ]
+        if len(self.fired) > _FAULTS_SHOWN:
+            lines.append(f"and {len(self.fired) - _FAULTS_SHOWN} more faults")
+        if isinstance(self.run, SimulatedRun):
+            said = [seen for seen in self.log.all_deliveries if seen.kind not in RESULTS]
+            lines.append(table(said, title="the last messages"))
+        raise AssertionError("\n".join(lines))
+
+
+def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
+    """Return a fault: its kind, where, at which count there (from 0), and how long it takes.
+
+    On a link it is a message of ``process_0 up`` or ``process_0 down`` that is struck; otherwise a
+    process by its name, ``coordinator`` and ``keeper_0`` included, or ``router``, before it takes
+    that message. InputError for what is no fault of either clock.
+    """
+    if kind not in KINDS:
+        check_name("fault ", kind, FREE_KINDS)
+    check_whole("nth", nth)
+    check_seconds("seconds", seconds)
+    if not isinstance(where, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"fault {kind} at {where}: expected a name, as process_0")
+    return Fault(where, nth, kind, round(seconds * SECOND_US))
+
+
+def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
+    """Return where a fault of a kind can strike a run of so many processes and keepers."""
+    hosts = [f"process_{number}" for number in range(processes)]
+    kept = [f"keeper_{number}" for number in range(keepers)] if clock == "free" else []
+    # The coordinator of a run without rounds only listens.
+    found = [*hosts, *kept] if clock == "free" else [*hosts, COORDINATOR]
+    if kind in ON_HOPS or kind == "drag":
+        found = [f"{name} {way}" for name in (*hosts, *kept, COORDINATOR) for way in ("up", "down")]
+    elif kind in _ON_ROUTER:
+        found = [ROUTER]
+    elif kind == "late":
+        found = [name + STARTS for name in hosts]
+    elif kind == "torn":
+        found = kept
+    elif kind in ("leave", "crash"):
+        found = hosts
+    elif kind in ("return", "cut"):
+        found = [*hosts, *kept]
+    return found
+
+
+def _check(fault: Fault, clock: Clock, processes: int, keepers: int) -> None:
+    """Check that a fault can come to pass; InputError tells what was expected."""
+    if not isinstance(fault, Fault):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"fault {fault}: expected one as fault('loss', 'process_0 up', 3)")
+    kind, where = fault.kind, fault.where
+    if kind not in (known := FREE_KINDS if clock == "free" else KINDS):
+        check_name("fault ", kind, known)
+    there = places(kind, clock, processes, keepers)
+    if where not in there and there == [ROUTER]:
+        raise InputError(f"fault {kind} at {where}: expected it at {ROUTER}")
+    check_name(f"fault {kind} at ", where, there)
+    if kind in _LASTING and fault.amount_us <= 0:
+        raise InputError(f"fault {kind} at {where}: seconds=0, expected more")
+
+
+def trial_of(
+    system: str,
+    rule: str | None = None,
+    *,
+    faults: Sequence[Fault] = (),
+    clock: Clock = "lockstep",
+    seed: int = 0,
+    processes: int = 2,
+    hesitate: float = 0.0,
+    max_rounds: int = 200,
+    keepers: int = 2,
+    moves: int = 20,
+) -> Trial:
+    """Return a trial of a system and a rule, by name or as ``FILE.py:NAME``; None is its own rule.
+
+    Without rounds there are faults until so many `moves` were made, in `keepers`. InputError names
+    what cannot be run, and faults that there are not under the clock.
+    """
+    if not isinstance(system, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"system={system!r}: expected a name or a file")
+    if not isinstance(faults, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"faults={faults!r}: expected a list of faults")
+    for name, number, least in (
+        ("max_rounds", max_rounds, 0),
+        ("keepers", keepers, 1),
+        ("moves", moves, 0),
+    ):
+        whole_number(name, number, least)
+    plan = Plan(system, rule, seed=seed, hesitate=hesitate, processes=processes, clock=clock)
+    task = task_of(plan)
+    most = min(max(processes, 1), len(task.scene.start))
+    for fault in faults:
+        _check(fault, clock, most, keepers)
+    if clock == "free":
+        free = FreeScenario(
+            system=system,
+            rule=task.rule,
+            processes=most,
+            keepers=keepers,
+            hesitate=hesitate,
+            factors=(0.0,),
+            moves=moves,
+            long_us=_LONG_US,
+            files=False,
+            seed=seed,
+        )
+        return Trial(free, tuple(faults))
+    scenario = Scenario(system, task.rule, most, hesitate, max_rounds, seed)
+    return Trial(scenario, tuple(faults))
+
+
+def _told(fault: Fault) -> str:
+    long = f" for {fault.amount_us / 1e6:g} s" if fault.amount_us else ""
+    return f"{fault.kind} at {fault.where}, number {fault.nth}{long}"
+
 
 try:
     from hypothesis import strategies as st

@@ -16,8 +16,7 @@ from cubepath.coordinator.testing.rules import Action, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
-from cubepath.protocol.wire.sockets import is_private
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
 
 _OF_RULES = ("times", "after", "probability", "seed")
 _OF_ACTIONS: dict[Action, tuple[str, ...]] = {

@@ -14,16 +14,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import play_in_python
 from cubepath.agents.rules.registry import own_rule, rule_named
-from cubepath.coordinator.experiments.facts import Change
+from cubepath.coordinator.experiments.instances import Change
 from cubepath.coordinator.experiments.setting import scene_hash
 from cubepath.coordinator.theory.search.anytime import improve
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.heuristics import Potential, ReachableSites
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
-from cubepath.coordinator.theory.search.transitions import Transitions, maskable
+from cubepath.coordinator.theory.search.transitions import (
+    Potential,
+    ReachableSites,
+    Transitions,
+    maskable,
+)
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System

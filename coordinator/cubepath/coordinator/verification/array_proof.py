@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.supports import FREE, TRACE, Rows, Supports
+from cubepath.protocol.path_files.supports import FREE, TRACE, SupportRows, Supports
 
 Numbers = NDArray[np.int32]
 Bytes = NDArray[np.int8]
@@ -59,7 +59,7 @@ def proves(certificate: Certificate, numbers: Numbers, supports: Supports) -> bo
     return bool(waits(rows, links, np.zeros(sites, dtype=np.int64)))
 
 
-def steps_of(numbers: Numbers, rows: Rows) -> int:
+def steps_of(numbers: Numbers, rows: SupportRows) -> int:
     """Return how many entries the rows of these moves have."""
     return int(np.diff(rows.starts)[numbers].sum())
 
@@ -148,7 +148,7 @@ class _Columns(NamedTuple):
 
 
 @compiled
-def _cancels(rows: Rows, numbers: Numbers, earlier: Numbers, columns: _Columns) -> bool:
+def _cancels(rows: SupportRows, numbers: Numbers, earlier: Numbers, columns: _Columns) -> bool:
     """Return whether `cancelled` holds; `earlier` is -1, or what the move cancels, from 0."""
     top, writer, readers, below = columns
     starts, sites, says = rows.starts, rows.sites, rows.says
@@ -189,7 +189,9 @@ class _Seen(NamedTuple):
 
 
 @compiled
-def _scheduled(rows: Rows, numbers: Numbers, cubes: Numbers, last: Numbers, seen: _Seen) -> bool:
+def _scheduled(
+    rows: SupportRows, numbers: Numbers, cubes: Numbers, last: Numbers, seen: _Seen
+) -> bool:
     """Return whether `schedule` and `reduced` hold; `cubes` are counted from 1, 0 for none.
 
     `last` has a 0 for each action, and `seen` for each site.
@@ -226,7 +228,7 @@ def _scheduled(rows: Rows, numbers: Numbers, cubes: Numbers, last: Numbers, seen
 
 
 @compiled
-def _waits(rows: Rows, links: Numbers, marks: Totals) -> bool:
+def _waits(rows: SupportRows, links: Numbers, marks: Totals) -> bool:
     """Return whether of these actions none commutes with the next; `marks` has a 0 for a site."""
     starts, sites, says = rows.starts, rows.sites, rows.says
     for link in range(1, len(links)):
@@ -243,7 +245,7 @@ def _waits(rows: Rows, links: Numbers, marks: Totals) -> bool:
     return True
 
 
-def carry_out(numbers: Numbers, rows: Rows, state: Bytes) -> bool:
+def carry_out(numbers: Numbers, rows: SupportRows, state: Bytes) -> bool:
     """Return whether these actions are admissible one after another, and change the state by them.
 
     `state` is 1 for each site that is on, 0 for the others, shape (sites,). It decides what
@@ -255,7 +257,7 @@ def carry_out(numbers: Numbers, rows: Rows, state: Bytes) -> bool:
 
 
 @compiled
-def _carried(rows: Rows, numbers: Numbers, state: Bytes) -> bool:
+def _carried(rows: SupportRows, numbers: Numbers, state: Bytes) -> bool:
     starts, sites, says = rows.starts, rows.sites, rows.says
     for move in range(len(numbers)):
         number = numbers[move]

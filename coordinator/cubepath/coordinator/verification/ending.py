@@ -122,10 +122,7 @@ class OutcomeCheck:
         return None
 
     def _check_told(
-        self,
-        summary: Summary,
-        due: tuple[str, str | None] | None,
-        pacing: Pacing,
+        self, summary: Summary, due: tuple[str, str | None] | None, pacing: Pacing
     ) -> None:
         why = pacing.unfinished() if pacing.is_begun else None
         told: tuple[str, str | None] = (summary.ended, summary.error)

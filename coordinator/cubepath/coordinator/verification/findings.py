@@ -29,7 +29,7 @@ class Check:
     checked: bool = True
 
 
-class Missing(NamedTuple):
+class MissingMessages(NamedTuple):
     """How much is known to be missing: at least so much was there, and is not on record."""
 
     rounds: int
@@ -48,7 +48,7 @@ class Verification:
 
     ok: bool
     complete: bool
-    missing: Missing
+    missing: MissingMessages
     checks: tuple[Check, ...]
     moves: int
     rounds: int

@@ -17,7 +17,7 @@ from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.findings import (
     NO_END,
     Failures,
-    Missing,
+    MissingMessages,
     Progress,
     Verification,
 )
@@ -37,18 +37,13 @@ from cubepath.coordinator.verification.parameters import (
     processes_of,
 )
 from cubepath.coordinator.verification.results import Derived, concluded, without_end
-from cubepath.coordinator.verification.transcript import (
-    Fail,
-    check_complete,
-    is_cut_off,
-    site_in,
-)
+from cubepath.coordinator.verification.transcript import Fail, check_complete, is_cut_off, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
-from cubepath.protocol.recordings.cuts import left_out
+from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
     FreeMessage,
@@ -59,8 +54,8 @@ from cubepath.protocol.wire.free_messages import (
     Turns,
     decode_free,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Summary, encode
-from cubepath.protocol.wire.tiles import Tiles
 
 FREE_CHECKS = {
     "readable": "the file is whole",
@@ -145,7 +140,7 @@ def verify_free(
     steps = np.arange(1, min(levels, len(actions)) + 1)
     ends = np.searchsorted(path.levels, steps, side="right").tolist()
     end = Derived(actions, ends, levels, history.state, reached, digest)
-    missing = Missing(0, max(results.gap + transcript.losses.count, left_out(recording)))
+    missing = MissingMessages(0, max(results.gap + transcript.losses.count, left_out(recording)))
     return concluded(
         recording, results, end, failures, stage=3, missing=missing, unchecked=unchecked
     )

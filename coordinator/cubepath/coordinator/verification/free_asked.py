@@ -17,8 +17,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Attempt, Hold, Turn
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
-from cubepath.protocol.wire.tiles import Tiles
 
 _HALF = 1 << 31
 _UNHEARD, _PASSED, _ASKED, _BELIEVED = range(4)

@@ -14,10 +14,7 @@ from array import array
 from collections.abc import Callable, Iterator
 
 from cubepath.coordinator.verification.findings import StageFailures
-from cubepath.coordinator.verification.free_history import (
-    History,
-    ModuleVersion,
-)
+from cubepath.coordinator.verification.free_history import History, ModuleVersion
 from cubepath.coordinator.verification.free_transcript import (
     AttemptId,
     FreeTranscript,
@@ -30,7 +27,7 @@ from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Attempt,
@@ -46,10 +43,10 @@ from cubepath.protocol.wire.free_messages import (
     Settled,
     Tells,
 )
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 
-class Births:
+class Incarnations:
     """The births and epochs of modules, as keepers tell of them."""
 
     def __init__(
@@ -135,7 +132,7 @@ class Attempts:
         """Find which attempts were committed."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
-        self._births = Births(transcript, tiles, history.system, fail)
+        self._births = Incarnations(transcript, tiles, history.system, fail)
         self._known = transcript.attempts
         self._committed = array("i")
         """By attempt its commit, -1 if it has none."""

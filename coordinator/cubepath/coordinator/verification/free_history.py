@@ -58,7 +58,7 @@ class AtVersion(NamedTuple):
     """How many readers each of these counts."""
 
 
-class Touches:
+class UnitAccesses:
     """What commits touch, units or modules, at which versions: 24 bytes for each touch."""
 
     def __init__(self) -> None:
@@ -321,7 +321,7 @@ class History:
     # An order in which all can have happened.
 
     def _ordered(self) -> array[int]:
-        units, modules = Touches(), Touches()
+        units, modules = UnitAccesses(), UnitAccesses()
         keepers, attempts = array("q"), self.attempts
         for number, moved in enumerate(self.commits):
             self._sort(number, moved, units, modules)
@@ -343,7 +343,7 @@ class History:
             )
         return found
 
-    def _sort(self, number: int, moved: Moved, units: Touches, modules: Touches) -> None:
+    def _sort(self, number: int, moved: Moved, units: UnitAccesses, modules: UnitAccesses) -> None:
         def add(value: Json, version: int, what: int) -> None:
             unit = unit_in(self.system, value)
             if unit is None:
@@ -362,7 +362,7 @@ class History:
         for module, version in held_by(moved).items():
             modules.add(module, version, READ, number)
 
-    def _check_versions(self, units: Touches, modules: Touches) -> None:
+    def _check_versions(self, units: UnitAccesses, modules: UnitAccesses) -> None:
         for unit, ended, versions in units:
             late: list[AtVersion] = []
             for at in versions:
@@ -377,7 +377,7 @@ class History:
                 self._check_seen(site_text(unit), at.version, users)
         self._check_modules(modules)
 
-    def _check_modules(self, modules: Touches) -> None:
+    def _check_modules(self, modules: UnitAccesses) -> None:
         for module, ended, versions in modules:
             for at in versions:
                 if at.writers:

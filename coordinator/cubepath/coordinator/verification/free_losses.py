@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.number_table import Name, NumberTable
 from cubepath.coordinator.verification.transcript import Fail
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
     Asks,

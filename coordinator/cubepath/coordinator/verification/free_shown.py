@@ -21,10 +21,10 @@ from cubepath.coordinator.verification.number_table import NumberTable
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows, Tail, Tells
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
-from cubepath.protocol.wire.tiles import Tiles
 
 _Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
 _BLOCK = 1 << 14

@@ -35,7 +35,7 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Decision,
@@ -61,6 +61,7 @@ from cubepath.protocol.wire.free_messages import (
     free_kind,
     free_sender,
 )
+from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import (
     Certified,
     Cube,
@@ -70,7 +71,6 @@ from cubepath.protocol.wire.messages import (
     Summary,
     encode,
 )
-from cubepath.protocol.wire.tiles import Tiles
 
 AttemptId: TypeAlias = Name
 """Which attempt: module, epoch, number."""

@@ -25,7 +25,7 @@ from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import Register, Turn, Turns
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 _NEVER = ShownVersions()
 

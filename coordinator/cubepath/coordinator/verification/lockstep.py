@@ -10,7 +10,12 @@ from functools import partial
 
 from cubepath.coordinator.verification.choices import Moment, RoundPlayer
 from cubepath.coordinator.verification.ending import OutcomeCheck, check_schedule
-from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
+from cubepath.coordinator.verification.findings import (
+    Failures,
+    MissingMessages,
+    Progress,
+    Verification,
+)
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import (
     check_parameters,
@@ -21,9 +26,9 @@ from cubepath.coordinator.verification.parameters import (
 from cubepath.coordinator.verification.results import Derived, concluded
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.transcript import RECOVERED, RecordedRound, Sorting
-from cubepath.protocol.recordings.cuts import left_out
+from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 
 CHECKS = {
     "readable": "the file is whole",
@@ -101,7 +106,7 @@ def verify_lockstep(
     check_schedule(recording, transcript, fail)
     check_stages(recording, transcript, fail)
     derived.check_edges(transcript)
-    missing = Missing(
+    missing = MissingMessages(
         max(0, pacing.round - transcript.complete_rounds),
         max(transcript.gap + pacing.missing(), left_out(recording)),
     )

@@ -18,10 +18,10 @@ from math import inf
 import msgspec
 
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail, Transcript
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
+from cubepath.protocol.recordings.cutting import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT, PART
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.tiles import Tiles
+from cubepath.protocol.wire.keys import Tiles
 
 CHECK = "parameters"
 RECORDED = "recorded"

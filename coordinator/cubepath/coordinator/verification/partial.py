@@ -23,17 +23,17 @@ from cubepath.coordinator.verification.findings import (
     NO_END,
     Check,
     Failures,
-    Missing,
+    MissingMessages,
     Progress,
     Verification,
 )
 from cubepath.coordinator.verification.parameters import check_parameters
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, is_beginning, left_out, whole_of
+from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, is_beginning, left_out, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free, free_topic
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Cube, Go, Report, decode, parts_of
@@ -93,7 +93,7 @@ def verify_partial(
     return Verification(
         ok=all(check.ok for check in made),
         complete=False,
-        missing=Missing(0, max(last + 1 - count, left_out(recording))),
+        missing=MissingMessages(0, max(last + 1 - count, left_out(recording))),
         checks=made,
         moves=moves_in(recording),
         rounds=whole.count,
@@ -309,7 +309,7 @@ def verify_with_hole(
         found,
         ok=all(check.ok for check in checks),
         complete=False,
-        missing=Missing(max(begun, 0), found.missing.messages + hole.messages),
+        missing=MissingMessages(max(begun, 0), found.missing.messages + hole.messages),
         checks=checks,
     )
 

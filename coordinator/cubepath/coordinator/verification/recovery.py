@@ -17,7 +17,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.cuts import is_beginning
+from cubepath.protocol.recordings.cutting import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.remains import Remains, remains_of

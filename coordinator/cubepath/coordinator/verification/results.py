@@ -12,7 +12,12 @@ from typing import NamedTuple
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.dependencies import check_dependencies
-from cubepath.coordinator.verification.findings import NO_END, Failures, Missing, Verification
+from cubepath.coordinator.verification.findings import (
+    NO_END,
+    Failures,
+    MissingMessages,
+    Verification,
+)
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off, site_in
@@ -143,7 +148,7 @@ def concluded(
     failures: Failures,
     *,
     stage: int,
-    missing: Missing,
+    missing: MissingMessages,
     unchecked: Mapping[str, str],
 ) -> Verification:
     """Compare the end on record with what was derived, and return the result.

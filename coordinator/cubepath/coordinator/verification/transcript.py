@@ -16,10 +16,10 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.recordings.cuts import whole_of
+from cubepath.protocol.recordings.cutting import whole_of
 from cubepath.protocol.recordings.description import ATTACHED
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Act,

@@ -119,9 +119,7 @@ def action_of_parts(
 
 
 def _rebuild(
-    sites: tuple[frozenset[Site], ...],
-    guards: frozenset[tuple[Site, Site]],
-    label: str,
+    sites: tuple[frozenset[Site], ...], guards: frozenset[tuple[Site, Site]], label: str
 ) -> Action:
     support, trace, before, after, free = sites
     return Action(support, trace, before, after, free=free, guards=guards, label=label)

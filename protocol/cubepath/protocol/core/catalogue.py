@@ -92,14 +92,7 @@ SQUARES = Lattice("squares", dimension=2, arity=2, drawing="squares")
 EDGES = Lattice("edges", dimension=2, arity=3, drawing="edges")
 """The edges ``(x, y, axis)`` of the square lattice: from ``(x, y)`` one step along the axis."""
 LATTICES = {lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES)}
-HEX_DIRECTIONS: tuple[tuple[int, int], ...] = (
-    (1, 0),
-    (0, 1),
-    (-1, 1),
-    (-1, 0),
-    (0, -1),
-    (1, -1),
-)
+HEX_DIRECTIONS: tuple[tuple[int, int], ...] = ((1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """The six directions of the hexagonal lattice in axial coordinates, counter-clockwise."""
 
 

@@ -33,8 +33,8 @@ from cubepath.protocol.path_files.scanning import (
     Texts,
 )
 from cubepath.protocol.path_files.supports import (
-    Growing,
-    Rows,
+    GrowingRows,
+    SupportRows,
     Supports,
     canonical,
     distinct,
@@ -119,7 +119,7 @@ class _Reading:
             site_at=_none(np.int64),
             totals=np.zeros(scanning.TOTALS, dtype=np.int64),
         )
-        self._growing = Growing(
+        self._growing = GrowingRows(
             starts=_none(np.int32),
             sites=_none(np.int32),
             says=_none(np.int8),
@@ -212,7 +212,7 @@ class _Reading:
         extra[named] = [self._site_number((NAME, each)) for each in ids]
         growing, most = self._growing, count + stop - begin + 2
         used = int(growing.starts[count]) if count else 0
-        self._growing = growing = Growing(
+        self._growing = growing = GrowingRows(
             starts=_longer(growing.starts, most),
             sites=_longer(growing.sites, used + mentioned + len(extra)),
             says=_longer(growing.says, used + mentioned + len(extra)),
@@ -246,7 +246,7 @@ class _Reading:
         count, growing = self._actions, self._growing
         starts = growing.starts[: count + 1] if count else np.zeros(1, dtype=np.int32)
         used = int(starts[-1])
-        rows = Rows(
+        rows = SupportRows(
             starts,
             growing.sites[:used],
             growing.says[:used],

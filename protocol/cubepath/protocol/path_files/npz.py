@@ -38,8 +38,8 @@ from cubepath.protocol.path_files.supports import (
     FREE,
     SECOND,
     TRACE,
-    Growing,
-    Rows,
+    GrowingRows,
+    SupportRows,
     Supports,
     TabledActions,
     canonical,
@@ -53,7 +53,7 @@ Listed = tuple[Totals, Totals]
 _encode = msgspec.json.Encoder().encode
 
 
-class ActionTable(NamedTuple):
+class StoredActions(NamedTuple):
     """The actions of a path as a file lists them: its sites, and the lists of each part by name.
 
     Each part is as in the file: where the list of each action starts, and the numbers of its sites.
@@ -63,7 +63,7 @@ class ActionTable(NamedTuple):
     parts: dict[str, tuple[Numbers, Numbers]]
 
 
-def table_of(supports: Supports, names: Sequence[MoveName]) -> ActionTable:
+def table_of(supports: Supports, names: Sequence[MoveName]) -> StoredActions:
     """Return the table of actions with these names, each list in canonical order.
 
     Sites are numbered in the order of the supports. The site that stands for an id is left out, and
@@ -91,7 +91,7 @@ def table_of(supports: Supports, names: Sequence[MoveName]) -> ActionTable:
         ends = np.cumsum(np.bincount(row[chosen], minlength=len(names)), dtype=np.int32)
         parts[part] = np.concatenate([_ZERO, ends]), sites[chosen]
     parts["guard"] = 2 * supports.rows.guard_starts, number[_guards_in_order(supports)].ravel()
-    return ActionTable([supports.sites[site] for site in met.tolist()], parts)
+    return StoredActions([supports.sites[site] for site in met.tolist()], parts)
 
 
 _ZERO = np.zeros(1, dtype=np.int32)
@@ -116,7 +116,7 @@ def _guards_in_order(supports: Supports) -> Numbers:
     return guards[np.lexsort((rank[:, 1], rank[:, 0], row))]
 
 
-class Tabled(NamedTuple):
+class StoredPath(NamedTuple):
     """Actions read from a table, and for each whether its `before` is its second local state."""
 
     actions: TabledActions
@@ -125,7 +125,7 @@ class Tabled(NamedTuple):
 
 def actions_of(
     sites: list[Site], parts: Mapping[str, Listed], names: Sequence[MoveName], stated: list[bool]
-) -> Tabled | None:
+) -> StoredPath | None:
     """Return the actions of a table without building one; None if that takes a closer look.
 
     `parts` are the lists of `support`, `trace`, `before` and `after`. A closer look is needed for
@@ -152,7 +152,7 @@ def actions_of(
         shifts = parts_at[part:-1:4] - starts[:-1]
         mentions[np.arange(len(numbers)) + np.repeat(shifts, sizes[:, part])] = numbers
     everything = [*sites, *ids]
-    growing = Growing(
+    growing = GrowingRows(
         starts=np.zeros(count + 2, dtype=np.int32),
         sites=np.zeros(len(mentions) + len(ids) + 1, dtype=np.int32),
         says=np.zeros(len(mentions) + len(ids) + 1, dtype=np.int8),
@@ -165,7 +165,7 @@ def actions_of(
     if find(parts_at, mentions, extra, growing, 0, *told) != count:
         return None
     used = int(growing.starts[count])
-    rows = Rows(
+    rows = SupportRows(
         growing.starts[: count + 1],
         growing.sites[:used],
         growing.says[:used],
@@ -175,7 +175,9 @@ def actions_of(
     )
     supports = Supports(rows, everything)
     turned = canonical(rows, supports.order)
-    return Tabled(TabledActions(supports, lambda number: _encode(names[number]).decode()), turned)
+    return StoredPath(
+        TabledActions(supports, lambda number: _encode(names[number]).decode()), turned
+    )
 
 
 _MAGIC = b"PK\x03\x04"

@@ -22,13 +22,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import (
-    Site,
-    in_order,
-    pairs_from_json,
-    sites_from_json,
-    to_json,
-)
+from cubepath.protocol.core.sites import Site, in_order, pairs_from_json, sites_from_json, to_json
 from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
 
 FIRST_LINE = b"cubepath proof 1\n"

@@ -68,13 +68,7 @@ class Texts(NamedTuple):
 # Arrays are taken out of the tuple once, and few calls take it: each counts references to all.
 @compiled
 def scan(  # noqa: C901, PLR0911, PLR0912, PLR0915, PLR0917 - see above
-    text: Bytes,
-    ends: Totals,
-    line: int,
-    texts: Texts,
-    moves: Numbers,
-    ids: Bytes,
-    value: Totals,
+    text: Bytes, ends: Totals, line: int, texts: Texts, moves: Numbers, ids: Bytes, value: Totals
 ) -> int:
     """Scan lines from `line` on; return the line where it stopped, or minus one minus it if odd.
 

@@ -32,7 +32,7 @@ _PROBES = 256
 """As in `cubepath.protocol.path_files.scanning`."""
 
 
-class Rows(NamedTuple):
+class SupportRows(NamedTuple):
     """The supports of all actions in compressed rows, and the pairs of sites of their guards.
 
     Action a has the sites ``sites[starts[a]:starts[a + 1]]``, each once, and of each `says` what
@@ -52,7 +52,7 @@ class Rows(NamedTuple):
 class Supports:
     """The rows of distinct actions, and the sites by number."""
 
-    rows: Rows
+    rows: SupportRows
     sites: Sequence[Site]
 
     @cached_property
@@ -114,7 +114,7 @@ def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
         guards += [(numbers[one], numbers[other]) for one, other in action.guards]
         starts.append(len(sites))
         guard_starts.append(len(guards))
-    rows = Rows(
+    rows = SupportRows(
         np.array(starts, dtype=np.int32),
         np.array(sites, dtype=np.int32),
         np.array(says, dtype=np.int8),
@@ -208,10 +208,10 @@ def ranks(sites: Sequence[Site]) -> Totals:
     return np.array([place[site] for site in sites], dtype=np.int64)
 
 
-class Growing(NamedTuple):
+class GrowingRows(NamedTuple):
     """Rows of distinct actions while they are found; arrays may be longer than what is in use.
 
-    `starts`, `sites`, `says` and `stated` are as in `Rows`, `slots` is a hash table as in
+    `starts`, `sites`, `says` and `stated` are as in `SupportRows`, `slots` is a hash table as in
     `cubepath.protocol.path_files.scanning.Texts`, `marks` 0 for every site.
     """
 
@@ -228,7 +228,7 @@ def distinct(  # noqa: C901, PLR0912, PLR0915, PLR0917 - one pass over each row;
     parts_at: Numbers,
     mentions: Numbers,
     extra: Numbers,
-    growing: Growing,
+    growing: GrowingRows,
     count: int,
     numbers: Numbers,
     ends: Bytes,
@@ -347,7 +347,7 @@ def _told(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> in
     return 0 if same else 1 if opposite else -1
 
 
-def canonical(rows: Rows, order: Totals) -> NDArray[np.bool_]:
+def canonical(rows: SupportRows, order: Totals) -> NDArray[np.bool_]:
     """Exchange the local states of actions whose states are in the other order than an action's.
 
     `order` holds the rank of each site. Changes `rows.says`; returns which actions were changed.

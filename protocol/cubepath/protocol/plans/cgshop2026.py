@@ -36,11 +36,11 @@ from cubepath.protocol.systems.flips import FlipSystem, flip_of
 from cubepath.protocol.systems.point_sets import (
     Edge,
     Point,
+    Triangles,
     distinct_edges,
     edge_of,
     quadrilateral,
 )
-from cubepath.protocol.systems.triangles import Triangles
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 

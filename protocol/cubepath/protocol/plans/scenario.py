@@ -28,12 +28,7 @@ from cubepath.protocol.plans.imported import (
     none_beside,
     text,
 )
-from cubepath.protocol.plans.vehicles import (
-    Turned,
-    Vehicles,
-    moves_of_rounds,
-    vehicles_scene,
-)
+from cubepath.protocol.plans.vehicles import Turned, Vehicles, moves_of_rounds, vehicles_scene
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import PlannerInstance, scenario_from_json
 

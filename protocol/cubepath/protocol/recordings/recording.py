@@ -23,25 +23,28 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.counts import BATCHES, Counts, counts_of
 from cubepath.protocol.recordings.description import (
+    BATCHES,
     FORMAT,
     SCHEDULE,
     Clock,
+    Counts,
     clock_of,
+    counts_of,
     parameters_in,
     scene_in,
     wall_times_in,
 )
-from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
 from cubepath.protocol.recordings.mcap_file import StoredBytes
-from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
-from cubepath.protocol.recordings.salvaging import (
-    Salvage,
-    outline,
-    salvage,
+from cubepath.protocol.recordings.salvaging import Salvage, outline, salvage
+from cubepath.protocol.recordings.stored_messages import (
+    LoggedMessage,
+    Record,
+    RecordChunk,
+    StoredRecords,
+    chunk_of,
+    messages_of,
 )
-from cubepath.protocol.recordings.stored_records import StoredRecords
 from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from pathlib import Path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.counts import BATCHES
 from cubepath.protocol.recordings.description import (
+    BATCHES,
     FORMAT,
     FREE_FORMAT,
     METADATA,
@@ -24,7 +24,7 @@ from cubepath.protocol.recordings.description import (
 )
 from cubepath.protocol.recordings.mcap_file import checksum
 from cubepath.protocol.recordings.recording import FileContents, Recording, read
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 

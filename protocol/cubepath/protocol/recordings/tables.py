@@ -16,7 +16,7 @@ from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.logged import LoggedMessage, MessageSource, messages_of
+from cubepath.protocol.recordings.stored_messages import LoggedMessage, MessageSource, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 

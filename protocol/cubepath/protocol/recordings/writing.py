@@ -27,11 +27,12 @@ from cubepath.protocol.core.output_files import (
 )
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.appending import McapAppender
-from cubepath.protocol.recordings.counts import METADATA as COUNTS, Counts
 from cubepath.protocol.recordings.description import (
+    COUNTS,
     METADATA,
     SCENE,
     SCHEDULE,
+    Counts,
     format_of,
     has_wall_times,
     metadata_of,

@@ -27,13 +27,17 @@ from cubepath.protocol.systems.flip_greedy import (
     Flips,
     FlipTask,
     GreedyStyle,
+    Mesh,
+    Numbers,
+    connect,
+    convex,
     draw,
+    flip,
     room_for,
     run,
     run_often,
     undo,
 )
-from cubepath.protocol.systems.flip_mesh import Mesh, Numbers, connect, convex, flip
 from cubepath.protocol.systems.point_sets import Edge
 
 _ROOM = 8

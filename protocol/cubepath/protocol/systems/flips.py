@@ -16,23 +16,24 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
-from cubepath.protocol.systems.flip_mesh import Mesh, crossings
+from cubepath.protocol.systems.flip_greedy import Mesh, crossings
 from cubepath.protocol.systems.flip_refuting import TriangulationPair, proved
 from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
+    FLIPS_MAX,
     SWEEPS,
     Edge,
     Point,
     PointSet,
     Quadrilateral,
+    Triangles,
+    all_quadrilaterals,
     distinct_edges,
     edge_of,
     edges_of,
     quadrilateral,
 )
-from cubepath.protocol.systems.quadrilaterals import FLIPS_MAX, all_quadrilaterals
-from cubepath.protocol.systems.triangles import Triangles
 
 
 class FlipSystem(System):

@@ -172,10 +172,7 @@ def graph_round(
 
 
 def _box(
-    where: str,
-    low: tuple[int, int],
-    high: tuple[int, int],
-    obstacles: AbstractSet[tuple[int, int]],
+    where: str, low: tuple[int, int], high: tuple[int, int], obstacles: AbstractSet[tuple[int, int]]
 ) -> Graph:
     (left, bottom), (right, top) = low, high
     size = (right - left + 1) * (top - bottom + 1)

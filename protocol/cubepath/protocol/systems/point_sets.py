@@ -3,12 +3,18 @@
 All arithmetic is on integers. Points may be collinear: an edge never passes through a point, and a
 side of the hull with points on it is several edges. Nothing is listed in advance, so there may be
 many thousand points.
+
+Runs and environments need this list, to number all that could ever happen; shortening and search do
+not.
+
+All arithmetic is on integers. There may be many thousand points, and some may be collinear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cmp_to_key
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -344,3 +350,170 @@ def quadrilateral(a: int, b: int, c: int, d: int) -> Quadrilateral:
     """Return the quadrilateral with these corners, counter-clockwise; it must be convex."""
     sides = frozenset((edge_of(a, b), edge_of(b, c), edge_of(c, d), edge_of(d, a)))
     return Quadrilateral((edge_of(a, c), edge_of(b, d)), sides)
+
+
+POINTS_MAX = 300
+"""The largest point set: random points have about three flips for every pair."""
+FLIPS_MAX = 200_000
+"""The most flips; n points in convex position have n (n-1) (n-2) (n-3) / 24."""
+
+
+def all_quadrilaterals(plane: PointSet) -> tuple[Quadrilateral, ...]:
+    """Return all quadrilaterals in which a diagonal can flip, once each, by their corners.
+
+    Raises InputError if there are too many to list.
+    """
+    count = len(plane.points)
+    if count > POINTS_MAX:
+        raise InputError(
+            f"{count} points have too many flips to list them all, expected at most {POINTS_MAX}"
+        )
+    # Bits of an integer stand for points: those left of a line, those on a segment.
+    seen = [_seen_from(plane, corner) for corner in range(count)]
+    left, on = [rows for rows, _ in seen], [rows for _, rows in seen]
+
+    def apexes(one: int, other: int) -> Iterator[int]:
+        """Yield the points left of an edge that form an empty triangle with it."""
+        beside = left[one][other]
+        for apex in _numbers(beside):
+            within = beside & left[other][apex] & left[apex][one]
+            if not (within or on[other][apex] or on[apex][one]):
+                yield apex
+
+    found: list[Quadrilateral] = []
+    for one in range(count):
+        for other in range(one + 1, count):
+            if on[one][other]:
+                continue
+            overs = list(apexes(one, other))
+            for under in apexes(other, one):
+                found += [
+                    quadrilateral(one, under, other, over)
+                    for over in overs
+                    if (one, other) < edge_of(under, over)
+                    and left[under][over] >> one & 1
+                    and left[over][under] >> other & 1
+                ]
+        if len(found) > FLIPS_MAX:
+            raise InputError(f"more than {FLIPS_MAX} flips among {count} points: too many")
+    return tuple(sorted(found, key=lambda each: each.corners))
+
+
+def _seen_from(plane: PointSet, corner: int) -> tuple[list[int], list[int]]:
+    """Return, for each other point, the points left of the line to it and those in between."""
+    points = np.array(plane.points, dtype=object)
+    points -= points[corner]
+    if np.abs(points).max() < 2**30:  # no product overflows
+        points = points.astype(np.int64)
+    x, y = points[:, 0], points[:, 1]
+    turn = np.outer(x, y) - np.outer(y, x)
+    ahead = np.outer(x, x) + np.outer(y, y)
+    far = (x * x + y * y)[:, None]
+    return _bits(turn > 0), _bits((turn == 0) & (ahead > 0) & (ahead < far))
+
+
+def _bits(rows: NDArray[np.bool_]) -> list[int]:
+    packed = np.packbits(rows.astype(bool), axis=1, bitorder="little")
+    return [int.from_bytes(row.tobytes(), "little") for row in packed]
+
+
+def _numbers(bits: int) -> tuple[int, ...]:
+    return tuple(number for number in range(bits.bit_length()) if bits >> number & 1)
+
+
+class Triangles:
+    """The triangles on both sides of every edge; the hull's edges may be left out of `edges`.
+
+    The constructor checks that the corners of each triangle turn left, that each inner edge has a
+    triangle on both sides, and that each edge of the hull has one inside. Then the boundaries of
+    all triangles add up to the hull, once round, so each point of the plane inside it lies in just
+    one triangle: this is a triangulation, and every numbered point is a corner of it.
+    """
+
+    def __init__(self, points: Sequence[Point], edges: Iterable[Edge]) -> None:
+        """Find the triangles; raise InputError where the edges make none."""
+        self.points = points
+        hull = hull_of(points)
+        outside = {(b, a) for a, b in hull}
+        near: list[set[int]] = [set() for _ in points]
+        for one, other in [*edges, *hull]:
+            near[one].add(other)
+            near[other].add(one)
+        # By directed edge: the third corner of the triangle on its left.
+        self._apex: dict[Edge, int] = {}
+        for one, others in enumerate(near):
+            if not others:
+                raise InputError(f"no edge ends at point {one}, expected a triangulation")
+            around = self._around(one, others)
+            for other, apex in pairwise([*around, around[0]]):
+                if (one, other) not in outside:
+                    self._apex[one, other] = apex
+        for (one, other), apex in self._apex.items():
+            if self._apex.get((other, apex)) != one or turn(points, one, other, apex) <= 0:
+                raise InputError(
+                    f"no triangle left of the edge from {one} to {other}, expected a triangulation"
+                )
+
+    def _around(self, one: int, others: Iterable[int]) -> list[int]:
+        """Return the neighbours of a point counter-clockwise; InputError if two edges overlap."""
+        x, y = self.points[one]
+
+        def half(other: int) -> int:
+            dx, dy = self.points[other][0] - x, self.points[other][1] - y
+            return 0 if (dy, dx) > (0, 0) else 1
+
+        def compare(first: int, second: int) -> int:
+            return half(first) - half(second) or -turn(self.points, one, first, second)
+
+        around = sorted(sorted(others), key=cmp_to_key(compare))
+        for first, second in pairwise(around):
+            if compare(first, second) == 0:
+                raise InputError(
+                    f"edges {list(edge_of(one, first))} and {list(edge_of(one, second))} overlap"
+                )
+        return around
+
+    def apexes(self, edge: Edge) -> tuple[int, ...]:
+        """Return the third corners of the one or two triangles at an edge."""
+        a, b = edge
+        both = self._apex.get((a, b)), self._apex.get((b, a))
+        return tuple(apex for apex in both if apex is not None)
+
+    def convex(self, edge: Edge) -> bool:
+        """Return whether the triangles on both sides of an inner edge let it flip."""
+        a, b = edge
+        c, d = self._apex[a, b], self._apex[b, a]
+        return turn(self.points, d, c, a) > 0 > turn(self.points, d, c, b)
+
+    def corners(self, edge: Edge) -> tuple[int, int, int, int]:
+        """Return the quadrilateral around an edge, counter-clockwise from its lesser end.
+
+        Raises InputError if the edge is not in the triangulation, or cannot flip.
+        """
+        a, b = edge
+        if (a, b) not in self._apex and (b, a) not in self._apex:
+            raise InputError("no edge of the triangulation at this time")
+        if (a, b) not in self._apex or (b, a) not in self._apex:
+            raise InputError("on the hull, with a triangle on one side only")
+        c, d = self._apex[a, b], self._apex[b, a]
+        # Seen from d to c, a lies on the left and b on the right.
+        for end, bend in ((a, turn(self.points, d, c, a)), (b, -turn(self.points, d, c, b))):
+            if bend <= 0:
+                raise InputError(
+                    f"its quadrilateral {sorted((a, b, c, d))} is not strictly convex at point"
+                    f" {end}"
+                )
+        return a, d, b, c
+
+    def flip(self, corners: tuple[int, int, int, int]) -> None:
+        """Flip the diagonal of a quadrilateral that `corners` has returned."""
+        a, d, b, c = corners
+        del self._apex[a, b], self._apex[b, a]
+        for one, two, three in ((a, d, c), (d, b, c)):
+            self._apex[one, two] = three
+            self._apex[two, three] = one
+            self._apex[three, one] = two
+
+    def edges(self) -> frozenset[Edge]:
+        """Return all edges, including those of the hull."""
+        return frozenset(edge_of(*edge) for edge in self._apex)

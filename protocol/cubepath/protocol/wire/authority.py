@@ -16,13 +16,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import new_file
 from cubepath.protocol.wire.access import PROCESSES_MAX
-from cubepath.protocol.wire.credentials import (
-    AUTHORITY,
-    COORDINATOR,
-    GUEST,
-    ROUTER,
-    process_name,
-)
+from cubepath.protocol.wire.credentials import AUTHORITY, COORDINATOR, GUEST, ROUTER, process_name
 
 if TYPE_CHECKING:
     from cryptography import x509

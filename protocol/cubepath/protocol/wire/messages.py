@@ -118,13 +118,7 @@ class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
     parts: list[Report]
 
 
-class Go(
-    msgspec.Struct,
-    frozen=True,
-    omit_defaults=True,
-    tag_field="kind",
-    tag="go",
-):
+class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
     """All processes may begin a phase of a round; or, with phase "stop", end.
 
     `said` counts by region the messages that were said to it in the phase before, by all processes
@@ -149,13 +143,7 @@ class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
     seed: Annotated[int, msgspec.Meta(ge=0)]
 
 
-class Ready(
-    msgspec.Struct,
-    frozen=True,
-    omit_defaults=True,
-    tag_field="kind",
-    tag="ready",
-):
+class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
     """A process has finished a phase of a round (join: it is connected).
 
     `said` counts by region the messages that it said in this phase. A process whose modules follow
@@ -296,13 +284,7 @@ class Stopped(msgspec.Struct, frozen=True):
     reason: str
 
 
-class Summary(
-    msgspec.Struct,
-    frozen=True,
-    omit_defaults=True,
-    tag_field="kind",
-    tag="summary",
-):
+class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="summary"):
     """How a run ended and what came of it.
 
     `ended` is "goal", "max-rounds", "failed" (a rule gave up, a schedule stopped, or a process

@@ -30,11 +30,16 @@ from cubepath.protocol.wire.access import guarded_by_certificates, guarded_by_pa
 from cubepath.protocol.wire.credentials import (
     COORDINATOR,
     GUEST,
+    PASSWORDS,
     ROUTER,
     TLS,
     Credentials,
     certificate_files,
+    clear,
+    discard,
+    is_private,
     keeper_name,
+    new_endpoint,
     process_name,
 )
 from cubepath.protocol.wire.sessions import (
@@ -43,7 +48,6 @@ from cubepath.protocol.wire.sessions import (
     open_router,
     reachable,
 )
-from cubepath.protocol.wire.sockets import PASSWORDS, clear, discard, is_private, new_endpoint
 
 ON_LOOPBACK = "tls/127.0.0.1:0"
 """Where a router with certificates listens unless told otherwise."""

@@ -22,8 +22,7 @@ from typing import Any, cast
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.wire.credentials import GUEST, TLS, Credentials, settings_for
-from cubepath.protocol.wire.sockets import SCHEME
+from cubepath.protocol.wire.credentials import GUEST, SCHEME, TLS, Credentials, settings_for
 
 _BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _STALL_US_MAX = 3_600_000_000

@@ -25,10 +25,9 @@ import msgspec
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.credentials import GUEST, Credentials, discard
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
-from cubepath.protocol.wire.sockets import discard
 
 TOLD = 4
 """Exit code of a process whose last line on standard error fully describes the error."""

@@ -140,10 +140,7 @@ def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> N
 def test_equal_actions_under_two_names_are_one_edge() -> None:
     """Listed there and back: a square, and one edge."""
     scene = listed(
-        move("g", [], "a", "b"),
-        move("h", [], "b", "a"),
-        move("g2", [], "c", "d"),
-        start=["a", "c"],
+        move("g", [], "a", "b"), move("h", [], "b", "a"), move("g2", [], "c", "d"), start=["a", "c"]
     )
     built = state_complex(explore(scene))
     assert built.complex.f_vector == (4, 4, 1)

@@ -118,10 +118,7 @@ def test_random_plans_are_never_below_the_optimum() -> None:
     ("rule", "told"), [("mapf", (12, 10, 10, None, True)), ("cgshop", (12, 11, 11, None, True))]
 )
 def test_grid8_by_the_command(
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    rule: str,
-    told: tuple[object, ...],
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, rule: str, told: tuple[object, ...]
 ) -> None:
     """The optima of docs/following.md, written and checked."""
     given, output = AGV / "grid8-12agents.json", tmp_path / "best.jsonl"

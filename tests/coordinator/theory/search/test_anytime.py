@@ -183,9 +183,7 @@ def test_the_long_way_round_the_obstacle_becomes_the_short_one() -> None:
     there = [steps.actions[number] for cube in half for number in cube]
     walk = [*there, *map(turned, there[:6])]
     exact = optimum(
-        steps,
-        steps.encode(where.start_state),
-        steps.encode(end_state(walk, where.start_state)),
+        steps, steps.encode(where.start_state), steps.encode(end_state(walk, where.start_state))
     )
     assert exact.cubes is not None
     assert len(normal_cube_path(walk)) >= len(exact.cubes) + 5

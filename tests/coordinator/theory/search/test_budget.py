@@ -18,8 +18,7 @@ from cubepath.coordinator.theory.optimality.tasks import PathTask
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound, module_bound
-from cubepath.coordinator.theory.search.simply_connected import only_class
-from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.coordinator.theory.search.transitions import Transitions, only_class
 from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.jsonl import write_lines

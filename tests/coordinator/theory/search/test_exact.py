@@ -8,8 +8,7 @@ from hypothesis import given, strategies as st
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.simply_connected import only_class
-from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.coordinator.theory.search.transitions import Transitions, only_class
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

@@ -11,11 +11,7 @@ from hypothesis import given, strategies as st
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.lower_bounds import (
-    bottleneck,
-    lower_bound,
-    module_bound,
-)
+from cubepath.coordinator.theory.search.lower_bounds import bottleneck, lower_bound, module_bound
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.sites import Site

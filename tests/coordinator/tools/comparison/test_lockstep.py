@@ -12,7 +12,7 @@ from msgspec.structs import replace as with_fields
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.tools.comparison.comparing import diff
-from cubepath.coordinator.tools.comparison.told import Compared
+from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording
@@ -34,7 +34,7 @@ RULES = {"agv:graph=grid4x4,n=6": ("random", "tswap")}
 specs = st.sampled_from(SPECS)
 
 
-def check_place(found: Compared, a: Recording, b: Recording) -> None:
+def check_place(found: RunComparison, a: Recording, b: Recording) -> None:
     """Compare what differs first with the obvious way."""
     place = first_other(a, b)
     assert found.same == (place is None)
@@ -54,7 +54,7 @@ def check_place(found: Compared, a: Recording, b: Recording) -> None:
         assert sorted([found.choice.module, *found.choice.also]) == choices[1]
 
 
-def check_inputs(found: Compared, a: Recording, b: Recording) -> None:
+def check_inputs(found: RunComparison, a: Recording, b: Recording) -> None:
     """Check what is told of the inputs of the first other choice against what modules said."""
     choice = found.choice
     assert choice is not None

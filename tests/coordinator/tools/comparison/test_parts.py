@@ -11,7 +11,7 @@ from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.protocol import filter_recording, split_recording
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from processes.command_line import GOLDEN
 from samples.free_runs import free_recorded

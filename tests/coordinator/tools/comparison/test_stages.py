@@ -8,7 +8,7 @@ import pytest
 
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.tools.comparison.comparing import diff
-from cubepath.coordinator.tools.comparison.told import Compared
+from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.protocol.recordings.recording import Recording
 from samples.recordings import new_path, recorded
 
@@ -38,7 +38,7 @@ def origin(spec: str) -> Recording:
     return recorded(spec, rule, seed=4, hesitate=0.3, rounds=9)
 
 
-def by_rule(found: Compared) -> bool:
+def by_rule(found: RunComparison) -> bool:
     """Return whether both choices are what the rules choose that were asked again."""
     assert found.choice is not None
     sides = found.choice.a, found.choice.b

@@ -20,8 +20,7 @@ from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.coordinator.tools.exports.rows import RowSelection, table_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.recordings.cuts import MessageSelection
-from cubepath.protocol.recordings.cutting import filter_recording
+from cubepath.protocol.recordings.cutting import MessageSelection, filter_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from processes.command_line import GOLDEN

@@ -6,7 +6,7 @@ import pytest
 
 from cubepath.coordinator.runs.asking import Released
 from cubepath.coordinator.tools.live import claims as module
-from cubepath.coordinator.tools.live.claims import Hearing
+from cubepath.coordinator.tools.live.claims import ClaimListener
 from cubepath.coordinator.tools.live.remote_pages import Levels
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import InputError
@@ -37,7 +37,7 @@ def report(number: int, *, won: bool = True, deliveries: int = 1) -> Report:
 
 def test_what_comes_late_is_told_with_its_step() -> None:
     """A step that was told is told again, whole; nothing of a step that is not there yet."""
-    found = Hearing(NumberedWorld(SCENE), free=False, before=3)
+    found = ClaimListener(NumberedWorld(SCENE), free=False, before=3)
     found.take(report(4, won=False))
     assert found.told(0) is None
     assert found.told(1) == {"claims": [[1, []]], "kinds": ["here"], "heard": [[1, [0, 1, 0]]]}
@@ -50,7 +50,7 @@ def test_what_comes_late_is_told_with_its_step() -> None:
 
 def test_what_cannot_be_is_passed_over() -> None:
     """Modules that there are not, and places that are none, break nothing."""
-    found = Hearing(NumberedWorld(SCENE), free=False)
+    found = ClaimListener(NumberedWorld(SCENE), free=False)
     found.take(claim(1, module=7))
     found.take(Claim(1, 0, {"no": "site"}, "edge", None))
     found.take(Claim(1, 1, to_json(SITE), "no such generator", to_json(SITE)))
@@ -60,7 +60,7 @@ def test_what_cannot_be_is_passed_over() -> None:
 def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their number is told from then on, in their place."""
     monkeypatch.setattr(module, "DELIVERIES_MAX", 5)
-    found = Hearing(NumberedWorld(SCENE), free=False)
+    found = ClaimListener(NumberedWorld(SCENE), free=False)
     found.take(report(1, deliveries=4))
     assert "heard" in (found.told(1) or {})
     found.take(report(2, deliveries=4))
@@ -72,7 +72,7 @@ def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPat
 def test_attempts_stand_above_all_that_was_made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without rounds; old ones are forgotten, so that a long run takes no more memory."""
     monkeypatch.setattr(module, "_KEPT", 2)
-    found = Hearing(NumberedWorld(SCENE), free=True)
+    found = ClaimListener(NumberedWorld(SCENE), free=True)
     move = MOVES[0]
     found.take(Attempt(0, 0, 1, 1, to_json(SITE), move.generator, to_json(move.at)))
     assert (found.told(1) or {})["claims"] == [[1, [0, 0, 2]]]
@@ -90,10 +90,7 @@ def test_levels_are_told_from_the_first_that_changed() -> None:
     assert levels.changed() is None
     levels.add([Released(2, one.generator, one.at), one])
     expected = sorted(MOVES[:2], key=lambda each: str(each.at))
-    assert levels.changed() == (
-        0,
-        [tuple(each.action for each in expected), (MOVES[0].action,)],
-    )
+    assert levels.changed() == (0, [tuple(each.action for each in expected), (MOVES[0].action,)])
     levels.put(2, [Released(2, one.generator, one.at)])
     assert levels.changed() is None
     levels.put(2, [Released(2, other.generator, other.at)])

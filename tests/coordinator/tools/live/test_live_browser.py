@@ -11,7 +11,7 @@ import pytest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.tools.live.watching import Live
+from cubepath.coordinator.tools.live.watching import LivePage
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
 from cubepath.coordinator.tools.viewing.run_view import RunView
 from cubepath.protocol.recordings.recording import read_recording
@@ -51,7 +51,7 @@ def test_a_page_follows_a_run_pauses_it_and_steps_it(
     log = tmp_path / "run.mcap"
     running = Run(Plan(spec, seed=2, processes=0, max_rounds=60, log=log))
     player = threading.Thread(target=running.play_from_the_start)
-    with Live(running, paused=True) as live:
+    with LivePage(running, paused=True) as live:
         page = opened(live.address)
         player.start()
         until(page, "cubepath.live.state?.paused")
@@ -84,10 +84,7 @@ def test_a_page_follows_a_run_pauses_it_and_steps_it(
         page.click("#live-save")
     saved = tmp_path / "saved.html"
     download.value.save_as(saved)
-    run_page(
-        RunView(scene, actions, cubes, step_name="round"),
-        tmp_path / "run.html",
-    )
+    run_page(RunView(scene, actions, cubes, step_name="round"), tmp_path / "run.html")
     kept, whole = page_document(saved), page_document(tmp_path / "run.html")
     assert named(kept) == named(whole)
     assert {*whole["worlds"][0]["sites"]["name"]} <= {*kept["worlds"][0]["sites"]["name"]}
@@ -102,7 +99,7 @@ def test_who_looks_back_is_left_there_until_it_asks_for_the_newest(
     """The slider stays where a reader has put it while steps come in."""
     running = Run(Plan("hex:n=6", seed=2, processes=0, log=tmp_path / "run.mcap"))
     player = threading.Thread(target=running.play_from_the_start)
-    with Live(running, paused=True) as live:
+    with LivePage(running, paused=True) as live:
         page = opened(live.address)
         player.start()
         for count in (1, 2, 3):

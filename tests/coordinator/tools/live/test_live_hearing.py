@@ -11,7 +11,7 @@ import pytest
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.tools.live.watching import Live
+from cubepath.coordinator.tools.live.watching import LivePage
 from cubepath.coordinator.tools.viewing.pages import page_document
 from processes.watched_pages import Open, until
 
@@ -47,7 +47,7 @@ def test_what_was_said_is_that_of_the_recording(spec: str, tmp_path: Path, opene
     log = tmp_path / "run.mcap"
     running = Run(Plan(spec, seed=2, processes=2, max_rounds=60, log=log))
     player = threading.Thread(target=running.play_from_the_start)
-    with Live(running, paused=True) as live:
+    with LivePage(running, paused=True) as live:
         page = opened(live.address)
         player.start()
         for count in (1, 2):

@@ -39,11 +39,7 @@ def served() -> Iterator[tuple[Server, RoundPacer]]:
 
 
 def ask(
-    server: Server,
-    what: str = "",
-    method: str = "GET",
-    body: bytes | None = None,
-    **headers: Any,
+    server: Server, what: str = "", method: str = "GET", body: bytes | None = None, **headers: Any
 ) -> tuple[int, bytes, dict[str, str]]:
     """Ask for a part of the page, and return the status, the body and the headers."""
     connection = HTTPConnection(HOST, server.server_port, timeout=10)

@@ -27,7 +27,7 @@ from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.remote_pages import watch_run
-from cubepath.coordinator.tools.live.watching import Live
+from cubepath.coordinator.tools.live.watching import LivePage
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
@@ -186,7 +186,7 @@ def test_who_watches_has_the_run_as_it_is_recorded(tmp_path: Path) -> None:
     """From the first step, however late it comes; one that vanishes is not missed by the run."""
     plain = run(SPEC, seed=5, processes=0, log=tmp_path / "plain.mcap")
     log = tmp_path / "run.mcap"
-    with start(SPEC, seed=5, processes=0, log=log) as running, Live(running) as page:
+    with start(SPEC, seed=5, processes=0, log=log) as running, LivePage(running) as page:
         address = page.address
         first = Client(address)
         running.step(3)
@@ -212,7 +212,7 @@ def test_a_run_is_paused_stepped_and_resumed(tmp_path: Path) -> None:
     """Orders that come twice count once, but for steps; the path is as if nobody had paused it."""
     plain = run(SPEC, seed=5, processes=0, log=tmp_path / "plain.mcap")
     running = Run(plan(tmp_path / "run.mcap", patience=0.3))
-    with Live(running, paused=True) as page:
+    with LivePage(running, paused=True) as page:
         client = Client(page.address)
         player = threading.Thread(target=running.play_from_the_start)
         player.start()
@@ -252,7 +252,7 @@ def test_processes_from_elsewhere_wait_as_long_as_a_run_is_paused(tmp_path: Path
 
     log = tmp_path / "run.mcap"
     here = Plan(SPEC, seed=5, processes=0, log=log, listen="tcp/127.0.0.1:0", wait_for=1)
-    with start(here, say=join_it) as running, Live(running) as page:
+    with start(here, say=join_it) as running, LivePage(running) as page:
         running.step(1)
         order(page.address, "pause")
         resume = threading.Timer(4.5, order, (page.address, "resume"))
@@ -266,7 +266,7 @@ def test_processes_from_elsewhere_wait_as_long_as_a_run_is_paused(tmp_path: Path
 
 def test_a_process_that_dies_while_a_run_is_paused_ends_it(tmp_path: Path) -> None:
     """At once, and whoever watches is told which it was."""
-    with start(plan(tmp_path / "run.mcap")) as running, Live(running, paused=True) as page:
+    with start(plan(tmp_path / "run.mcap")) as running, LivePage(running, paused=True) as page:
         client = Client(page.address)
         killer = threading.Timer(0.2, running.signal, ["process_0"])
         killer.start()
@@ -282,7 +282,7 @@ def test_a_run_without_rounds_can_be_watched_alone(tmp_path: Path) -> None:
     log = tmp_path / "free.mcap"
     with (
         start("hex:n=4", clock="free", processes=1, keepers=1, log=log) as running,
-        Live(running) as page,
+        LivePage(running) as page,
     ):
         client = Client(page.address)
         with pytest.raises(urllib.error.HTTPError, match="409"):
@@ -294,7 +294,7 @@ def test_a_run_without_rounds_can_be_watched_alone(tmp_path: Path) -> None:
     claimed = {move for claims, _ in client.said for _, move, _ in claims}
     assert claimed >= {move for step in client.path for move in step}
     with pytest.raises(InputError, match="can be watched, not paced"):
-        Live(Run(plan(tmp_path / "no.mcap", clock="free")), paused=True)
+        LivePage(Run(plan(tmp_path / "no.mcap", clock="free")), paused=True)
 
 
 @pytest.mark.thorough

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID

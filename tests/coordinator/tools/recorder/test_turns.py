@@ -13,10 +13,10 @@ import pytest
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
 from cubepath.coordinator.tools.recorder.losses import Head
-from cubepath.coordinator.tools.recorder.turns import Item, MessageOrder
+from cubepath.coordinator.tools.recorder.turns import MessageOrder, OrderedMessage
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.messages import decode
 
 pytestmark = pytest.mark.slow
@@ -33,10 +33,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return replace(whole, records=heard, parameters={**whole.parameters, "attached": "1"})
 
 
-def item(record: Record) -> Item:
+def item(record: Record) -> OrderedMessage:
     """Return a message as it comes."""
     head = msgspec.json.decode(record.data, type=Head)
-    return Item(
+    return OrderedMessage(
         record.topic, ReceivedMessage("", record.data, record.wall_ns, None), head, wanted=True
     )
 
@@ -59,7 +59,7 @@ def told_of(ready: Record) -> int:
     return msgspec.json.decode(ready.data, type=Head).process
 
 
-def wrong(recording: Recording, items: Sequence[Item]) -> list[str]:
+def wrong(recording: Recording, items: Sequence[OrderedMessage]) -> list[str]:
     """Return what verification finds of the pace of a run."""
     found: list[str] = []
     pacing = Pacing(recording, lambda _, detail: found.append(detail))
@@ -91,7 +91,7 @@ def test_what_waits_for_something_lost_comes_after_a_second(recording: Recording
     now = [0.0]
     turns = MessageOrder(3, from_start=True, clock=lambda: now[0])
     lost = next(each for each in recording.records if each.kind == "ready" and each.round == 2)
-    found: list[Item] = []
+    found: list[OrderedMessage] = []
     for record in recording.records:
         if record is not lost:
             found += turns.put(item(record))

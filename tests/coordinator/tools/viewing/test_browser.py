@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollouts import play
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.tools.viewing.pages import run_page
 from cubepath.coordinator.tools.viewing.run_view import RunView

@@ -11,8 +11,7 @@ import pytest
 
 from chances import as_chance_has_it
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.scenes.random_scenes.graphs import open_part, random_graph
-from cubepath.protocol.scenes.random_scenes.stream import Stream
+from cubepath.protocol.scenes.random_scenes import Stream, open_part, random_graph
 from cubepath.protocol.systems.graphs import Edge, Graph, graph_from_name
 
 Edges = tuple[Edge, ...]

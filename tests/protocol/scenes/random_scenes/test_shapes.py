@@ -12,14 +12,14 @@ import pytest
 from chances import as_chance_has_it
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEXAGONS, Cell
-from cubepath.protocol.scenes.random_scenes.shapes import (
+from cubepath.protocol.scenes.random_scenes import (
     FOUR,
     SIX,
+    Stream,
     grown_once,
     grown_shape,
     uniform_shape,
 )
-from cubepath.protocol.scenes.random_scenes.stream import Stream
 from cubepath.protocol.scenes.specs import scene_from_spec
 from oracles.complexes import actions_at
 

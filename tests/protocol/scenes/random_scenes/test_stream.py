@@ -7,7 +7,7 @@ from hashlib import sha256
 from itertools import islice
 
 from chances import as_chance_has_it
-from cubepath.protocol.scenes.random_scenes.stream import Stream
+from cubepath.protocol.scenes.random_scenes import Stream
 
 
 def test_the_numbers_are_pinned() -> None:

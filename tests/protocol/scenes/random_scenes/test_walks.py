@@ -10,8 +10,7 @@ from chances import as_chance_has_it
 from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.random_scenes.stream import Stream
-from cubepath.protocol.scenes.random_scenes.walks import walked
+from cubepath.protocol.scenes.random_scenes import Stream, walked
 from cubepath.protocol.scenes.specs import scene_from_spec
 from marked import some
 from oracles.complexes import actions_at

@@ -6,14 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    SYSTEM_HELP,
-    answer,
-    complain,
-    table,
-)
+from cubepath.coordinator.commands.console import DONE, FAILED, SYSTEM_HELP, answer, complain, table
 from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import whole
@@ -48,11 +41,7 @@ def add_complex(complex_: argparse.ArgumentParser) -> None:
         help="stop where there are more than N states (default 2000000)",
     )
     complex_.add_argument(
-        "-o",
-        "--out",
-        type=output_path,
-        metavar="FILE",
-        help="write it: .json, or .png, .svg, .pdf",
+        "-o", "--out", type=output_path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
     )
     complex_.add_argument("--dark", action="store_true", help="draw it on dark ground")
 

@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
 from cubepath.coordinator.commands.files import Output, check_files, file_name
-from cubepath.coordinator.commands.path_options import (
-    duration_file,
-    given_durations,
-    hints,
-    solved,
-)
+from cubepath.coordinator.commands.path_options import duration_file, given_durations, hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.following_proofs import write_fewest
 from cubepath.protocol.core.errors import InputError
@@ -59,10 +54,7 @@ def improve_following(options: argparse.Namespace) -> int:
         read_vehicle_plan,
         timetable_file,
     )
-    from cubepath.coordinator.theory.following.timetable import (  # noqa: PLC0415
-        chain_in_words,
-        following_timetable,
-    )
+    from cubepath.coordinator.theory.following.timetable import chain_in_words, following_timetable  # noqa: PLC0415
     from cubepath.protocol.path_files.following import write_following  # noqa: PLC0415
 
     _check_options(options)

@@ -34,9 +34,7 @@ def write_fewest(
 ) -> list[tuple[str, object]]:
     """Write what was proved, if that is asked for; return the line of the summary."""
     from cubepath.coordinator.theory.following.files import fewest_rounds_proof  # noqa: PLC0415
-    from cubepath.protocol.path_files.following_proofs import (  # noqa: PLC0415
-        write_following_proof,
-    )
+    from cubepath.protocol.path_files.following_proofs import write_following_proof  # noqa: PLC0415
 
     if options.proof is None:
         return []
@@ -63,12 +61,8 @@ def claimed_following(
     tell: Callable[[str, int], object],
 ) -> ClaimedProof:
     """Return what a proof about vehicles claims; CheckError for what already does not hold."""
-    from cubepath.coordinator.theory.proof_checking.following_proof import (  # noqa: PLC0415
-        FollowingRefutation,
-    )
-    from cubepath.protocol.path_files.following_proofs import (  # noqa: PLC0415
-        read_following_proof,
-    )
+    from cubepath.coordinator.theory.proof_checking.following_proof import FollowingRefutation  # noqa: PLC0415
+    from cubepath.protocol.path_files.following_proofs import read_following_proof  # noqa: PLC0415
 
     proof = read_following_proof(file)
     refutation = FollowingRefutation(proof, tell)

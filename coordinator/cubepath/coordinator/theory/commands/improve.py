@@ -204,10 +204,7 @@ def _rows(known: OptimalityReport, proof: Path | None) -> list[tuple[str, object
     rows: list[tuple[str, object]] = []
     if known.improved is not None:
         rows.append(("improved", known.improved))
-    rows += [
-        ("lower bound", f"{known.lower_bound} ({known.why})"),
-        ("optimal", optimal),
-    ]
+    rows += [("lower bound", f"{known.lower_bound} ({known.why})"), ("optimal", optimal)]
     if known.agreed is not None:
         rows.append(("agreed", f"{known.agreed} (two solvers, without a proof to check)"))
     if proof is not None:

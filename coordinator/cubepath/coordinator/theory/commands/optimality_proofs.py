@@ -85,10 +85,7 @@ def _is_proof(path: Path, source: Source) -> bool:
 
 def verify_proof(options: argparse.Namespace, source: Source) -> int:
     """Check a proof of optimality; the exit code is 1 unless it is proved."""
-    from cubepath.coordinator.theory.commands.following_proofs import (  # noqa: PLC0415
-        claimed_following,
-        given_plan,
-    )
+    from cubepath.coordinator.theory.commands.following_proofs import claimed_following, given_plan  # noqa: PLC0415
 
     path: Path = options.logs[0]
     check_files(

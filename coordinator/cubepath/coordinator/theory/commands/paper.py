@@ -58,8 +58,5 @@ def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
 
 def _wrapped(name: str, text: str) -> list[str]:
     return fill(
-        text,
-        width=100,
-        initial_indent=f"         {name:<9} ",
-        subsequent_indent=" " * 19,
+        text, width=100, initial_indent=f"         {name:<9} ", subsequent_indent=" " * 19
     ).splitlines()

@@ -1,4 +1,10 @@
-"""Pictures of small complexes: vertices, edges, squares and cubes, in the plane or in space.
+"""Where the vertices of a small complex are drawn, so that its cubes look like cubes.
+
+Positions begin with classical scaling of the distances in the transition graph (Torgerson, 1952),
+and are then moved until each cube that is in no larger one is, as nearly as the complex allows it,
+a unit cube: by shape matching (Müller et al., "Meshless deformations based on shape matching",
+2005), held apart by stress majorization (Gansner et al., "Graph drawing by stress majorization",
+2004). Nothing is random, so the same complex gives the same picture.
 
 In space what is near lies over what is far, which is paler. matplotlib is imported when something
 is drawn.
@@ -6,26 +12,230 @@ is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import pi, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.rendering.pen import DARK, INK, LIGHT, PAPER, WALL, Theme, arcs
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.vertex_layout import (
-    ProjectedView,
-    best_view,
-    corners_of_squares,
-    laid_out,
-)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+
+
+Points: TypeAlias = NDArray[np.float64]
+
+_TILT = 0.3
+_STEPS = 240
+_APART = (4.0, 0.01)
+"""The weight of the distances against that of a cube, in the first step and in the last."""
+_POWER = 0.75
+"""Of a distance in the graph: 1/2 is the diagonal of a cube, 1 the length of a path."""
+_WORK = 2e8
+"""Distances looked at in all: a complex with many vertices is drawn in fewer steps."""
+_VIEWS, _VIEWS_LEAST, _NEAR = 160, 40, 0.5
+"""The number of sides to look from, if the vertices are many, and the distance that is enough."""
+
+
+def distances(complex_: CubicalComplex) -> NDArray[np.int32]:
+    """Return the distance in edges between any two vertices, -1 if they are not connected.
+
+    The result has shape (vertices, vertices).
+    """
+    count = complex_.f_vector[0]
+    near: list[list[int]] = [[] for _ in range(count)]
+    if complex_.dimension > 0:
+        for low, high in complex_.faces[1][:, 0].tolist():
+            near[low].append(high)
+            near[high].append(low)
+    found = np.full((count, count), -1, dtype=np.int32)
+    for source in range(count):
+        row = found[source]
+        row[source] = 0
+        layer = [source]
+        while layer:
+            layer = [
+                other
+                for vertex in layer
+                for other in near[vertex]
+                if row[other] < 0 and not row.__setitem__(other, row[vertex] + 1)
+            ]
+    return found
+
+
+def laid_out(complex_: CubicalComplex, axes: int) -> Points:
+    """Return the positions of the vertices, shape (vertices, axes): edges have length 1 or nearly.
+
+    `axes` is 2 or 3; cubes of more dimensions are drawn as their projections.
+    """
+    apart = distances(complex_).astype(np.float64)
+    apart[apart < 0] = apart.max() + 2  # components side by side
+    places = _scaled(apart, axes)
+    cubes = [
+        (corners, _unit_cube(dimension, axes)) for dimension, corners in maximal_cubes(complex_)
+    ]
+    if not cubes:
+        return places
+    wanted = apart**_POWER
+    weights = 1 / np.maximum(apart, 1) ** 2
+    np.fill_diagonal(weights, 0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    steps = max(20, min(_STEPS, int(_WORK / len(apart) ** 2)))
+    first, last = _APART
+    for step in range(steps):
+        push = first * (last / first) ** (step / steps)
+        places = _moved(places, cubes, wanted, weights, push)
+    return places
+
+
+def _moved(
+    places: Points,
+    cubes: list[tuple[NDArray[np.int64], Points]],
+    wanted: Points,
+    weights: Points,
+    push: float,
+) -> Points:
+    """Return each vertex at the mean of where its cubes and the other vertices want it."""
+    # |p - q| for all pairs, without an array of all differences.
+    squares = (places**2).sum(axis=1)
+    lengths = np.sqrt(np.maximum(squares[:, None] + squares - 2 * places @ places.T, 1e-12))
+    pull = weights * wanted / lengths
+    summed = push * (weights @ places + pull.sum(axis=1)[:, None] * places - pull @ places)
+    total = np.full(len(places), push)
+    for corners, shape in cubes:
+        found = places[corners]
+        middles = found.mean(axis=1, keepdims=True)
+        left, _, right = np.linalg.svd(np.einsum("ncx,cy->nxy", found - middles, shape))
+        fitted = middles + np.einsum("nxy,cy->ncx", left @ right, shape)
+        np.add.at(summed, corners, fitted)
+        np.add.at(total, corners, 1)
+    moved: Points = summed / total[:, None]
+    return moved
+
+
+def _scaled(apart: Points, axes: int) -> Points:
+    """Return positions by classical scaling of distances."""
+    centre = np.eye(len(apart)) - 1 / len(apart)
+    # A compromise: power 1 gives the squared distances of the corners of a cube, 2 of a flat sheet.
+    values, vectors = np.linalg.eigh(-centre @ apart**1.5 @ centre / 2)
+    order = np.argsort(values)[::-1][: 2 * axes]
+    found = vectors[:, order] * np.sqrt(np.maximum(values[order], 0))
+    # The sign of an eigenvector is arbitrary: make its largest entry positive.
+    for axis in range(found.shape[1]):
+        if found[np.argmax(np.abs(found[:, axis]).round(9)), axis] < 0:
+            found[:, axis] *= -1
+    found = np.pad(found, ((0, 0), (0, 2 * axes - found.shape[1])))
+    # Vertices that differ only in further directions would coincide: tilt these in a little.
+    return found[:, :axes] + _TILT * found[:, axes:]
+
+
+def corners_of_cubes(complex_: CubicalComplex, dimension: int) -> NDArray[np.int64]:
+    """Return the vertices of each cube of a dimension, shape (cubes, 2 ** dimension).
+
+    Bit j of the place in a row is the end of direction j.
+    """
+    found = np.arange(complex_.f_vector[0], dtype=np.int64)[:, None]
+    for k in range(1, dimension + 1):
+        ends = complex_.faces[k][:, k - 1]
+        found = np.concatenate([found[ends[:, 0]], found[ends[:, 1]]], axis=1)
+    return found
+
+
+def maximal_cubes(complex_: CubicalComplex) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield, by dimension from 1 on, the vertices of the cubes that are in no larger one."""
+    for k in range(1, complex_.dimension + 1):
+        own = np.ones(complex_.f_vector[k], dtype=np.bool_)
+        if k < complex_.dimension:
+            own[complex_.faces[k + 1].ravel()] = False
+        if own.any():
+            yield k, corners_of_cubes(complex_, k)[own]
+
+
+def corners_of_squares(complex_: CubicalComplex) -> NDArray[np.int64]:
+    """Return the four vertices of every square in cyclic order, shape (squares, 4)."""
+    if complex_.dimension < 2:
+        return np.empty((0, 4), dtype=np.int64)
+    return corners_of_cubes(complex_, 2)[:, [0, 1, 3, 2]]
+
+
+def _unit_cube(dimension: int, axes: int) -> Points:
+    """Return the corners of a cube around the origin: of edges 1, projected if it must be."""
+    edges = np.eye(axes)[:dimension]
+    if dimension > axes:
+        edges = _directions(dimension)[:, :axes]
+        edges /= np.sqrt((edges**2).sum(axis=1, keepdims=True))
+    ends = (np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1) - 0.5
+    corners: Points = ends @ edges
+    return corners
+
+
+def _directions(count: int) -> Points:
+    """Return directions that are spread over the upper half of the sphere, shape (count, 3).
+
+    A spiral of the golden angle; no two of them are opposite, or nearly.
+    """
+    steps = np.arange(count) + 0.5
+    height = 1 - steps / count
+    across, turn = np.sqrt(1 - height**2), pi * (1 + sqrt(5)) * steps
+    return np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectedView:
+    """Positions as they are seen: in the plane, shape (vertices, 2), and how near each is."""
+
+    places: Points
+    nearness: Points
+    """From 0, the farthest vertex, to 1, the nearest."""
+
+
+def best_view(points: Points, edges: NDArray[np.int32]) -> ProjectedView:
+    """Return points in space, shape (vertices, 3), as seen from where the most is told apart.
+
+    Looked at from many sides, the one is taken from which vertices are farthest from their nearest
+    neighbours in the picture, and edges are longest; the wide side of the picture is across.
+    """
+    points = points - points.mean(axis=0)
+    best, seen = -1.0, points
+    views = max(_VIEWS_LEAST, min(_VIEWS, int(_WORK / 4 / len(points) ** 2)))
+    for towards in _directions(views):
+        turned = points @ _turned_to(towards).T
+        told = _told_apart(turned[:, :2], edges)
+        if told > best + 1e-9:
+            best, seen = told, turned
+    flat = seen[:, :2]
+    across = np.linalg.eigh(flat.T @ flat)[1][:, ::-1]
+    across[:, 1] = -across[1, 0], across[0, 0]
+    depth = seen[:, 2]
+    spread = float(np.ptp(depth))
+    near = (depth - depth.min()) / spread if spread > 1e-9 else np.ones(len(depth))
+    return ProjectedView(flat @ across, near)
+
+
+def _turned_to(towards: Points) -> Points:
+    """Return the rotation that takes a direction to the third axis."""
+    aside = np.cross((0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (1.0, 0.0, 0.0), towards)
+    aside /= np.linalg.norm(aside)
+    return np.stack([aside, np.cross(towards, aside), towards])
+
+
+def _told_apart(flat: Points, edges: NDArray[np.int32]) -> float:
+    squares = (flat**2).sum(axis=1)
+    apart = np.maximum(squares[:, None] + squares - 2 * flat @ flat.T, 0)
+    np.fill_diagonal(apart, np.inf)
+    nearest = np.sqrt(apart.min(axis=1))
+    lengths = np.sqrt(((flat[edges[:, 0]] - flat[edges[:, 1]]) ** 2).sum(axis=1))
+    long = np.minimum(lengths, _NEAR).mean() if len(lengths) else 0.0
+    return float(np.minimum(nearest, _NEAR).mean() + 0.5 * long)
+
 
 VERTICES_MAX = 1500
 """Complexes with more vertices are not drawn, since nothing could be recognised."""

@@ -254,12 +254,7 @@ def _cliques_differ(ends: Ranges, graph: Ranges, simplices: Ints) -> NDArray[np.
     return found
 
 
-def _unfilled(
-    complex_: CubicalComplex,
-    vertex: int,
-    ends: Ranges,
-    graph: Ranges,
-) -> Failing:
+def _unfilled(complex_: CubicalComplex, vertex: int, ends: Ranges, graph: Ranges) -> Failing:
     """Return the first smallest clique at the vertex that bounds no simplex."""
     here = ends.values[ends.starts[vertex] : ends.starts[vertex + 1]].tolist()
     for k, (at, rows) in enumerate(_corners(complex_), 1):

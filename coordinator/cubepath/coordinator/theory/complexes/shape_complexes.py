@@ -144,9 +144,7 @@ def shape_complex(
     )
 
 
-def commuting_steps(
-    actions: dict[GeneratorPlacement, Action],
-) -> Iterator[Steps]:
+def commuting_steps(actions: dict[GeneratorPlacement, Action]) -> Iterator[Steps]:
     """Yield the non-empty sets of pairwise commuting actions, as steps in ascending order."""
     steps = list(actions)
 

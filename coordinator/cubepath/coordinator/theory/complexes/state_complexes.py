@@ -126,8 +126,7 @@ def _cubes(explored: Exploration, sizes: list[int]) -> list[_Cubes]:
     fill(edges, _most(explored), _Filled(flat, offsets, children, starts))
     return [
         _Cubes(
-            flat[offsets[k] : offsets[k + 1]].reshape(size, k),
-            children[starts[k] : starts[k + 1]],
+            flat[offsets[k] : offsets[k + 1]].reshape(size, k), children[starts[k] : starts[k + 1]]
         )
         for k, size in enumerate(sizes)
     ]

@@ -117,12 +117,7 @@ class Bits:
         fixed |= needed
         ends = [self.encode(end | needed) for end in action.ends]
         self._masks.append(
-            (
-                self.encode(fixed),
-                self.encode(action.trace),
-                self.encode(action.support),
-                *ends,
-            )
+            (self.encode(fixed), self.encode(action.trace), self.encode(action.support), *ends)
         )
         self.guards.append(
             [

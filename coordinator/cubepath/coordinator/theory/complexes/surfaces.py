@@ -217,7 +217,7 @@ _Side = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class PulledApart:
+class SeparatedSurface:
     """The surface with boundary that squares form when they are glued only along edges.
 
     `fans` holds for each vertex of the complex the number of vertices of the surface over it.
@@ -230,7 +230,7 @@ class PulledApart:
     boundary_components: int
 
 
-def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
+def pulled_apart(complex_: CubicalComplex) -> SeparatedSurface | None:
     """Return the surface of a 2-complex, or None if an edge is in three squares or more.
 
     Edges that are in no square are left out.
@@ -251,7 +251,7 @@ def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
     boundary = vertex[np.array(ends, dtype=np.int32).reshape(-1, 2)]
     below = {number: _place(complex_, corner) for corner, number in enumerate(vertex.tolist())}
     fans = Counter(below.values())
-    return PulledApart(
+    return SeparatedSurface(
         fans=tuple(fans[place] for place in range(complex_.f_vector[0])),
         components=int(sheet.max(initial=-1)) + 1,
         euler=len(below) - len(sides) + complex_.f_vector[2],

@@ -41,7 +41,7 @@ AT, GOES, UP_TO = range(3)
 """Kinds of variables: (vehicle, vertex, time), (source, target, time), (vehicle, vertex, time)."""
 
 
-class TooLargeError(CubepathError):
+class FollowingTooLargeError(CubepathError):
     """The clauses would be more than can be built in reasonable time."""
 
 
@@ -128,7 +128,7 @@ class VehicleClauses:
         self.flat.extend(clause)
         self.cuts.append(len(self.flat))
         if len(self.flat) > LITERALS_MAX:
-            raise TooLargeError(
+            raise FollowingTooLargeError(
                 f"{self.rounds} rounds take more than {LITERALS_MAX} literals of clauses"
             )
 

@@ -19,8 +19,8 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 
 from cubepath.coordinator.theory.following.encoding import (
+    FollowingTooLargeError,
     Schedule,
-    TooLargeError,
     VehicleClauses,
     VehicleTask,
     clauses_of,
@@ -179,7 +179,7 @@ class _Search:
                 for rounds in range(self.least, self.within):
                     if not self._ask(rounds, (first, second), end, logs):
                         return
-        except (TooLargeError, SolverError) as error:
+        except (FollowingTooLargeError, SolverError) as error:
             self.ended = str(error)
         except TimeoutError:
             self.ended = "time"
@@ -187,11 +187,7 @@ class _Search:
             self.ended = "interrupt"
 
     def _ask(
-        self,
-        rounds: int,
-        solvers: tuple[SolverProcess, SolverProcess],
-        end: float,
-        logs: ExitStack,
+        self, rounds: int, solvers: tuple[SolverProcess, SolverProcess], end: float, logs: ExitStack
     ) -> bool:
         """Return whether so many rounds are too few, by a log or by both solvers."""
         if self._tick is not None:

@@ -27,8 +27,12 @@ from cubepath.coordinator.theory.search.exact import Optimum, optimum, too_wide
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.own_ends import OwnEnds
 from cubepath.coordinator.theory.search.sat_windows import STAGE
-from cubepath.coordinator.theory.search.simply_connected import only_class
-from cubepath.coordinator.theory.search.transitions import LABELS_MAX, Transitions, maskable
+from cubepath.coordinator.theory.search.transitions import (
+    LABELS_MAX,
+    Transitions,
+    maskable,
+    only_class,
+)
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Bound
@@ -264,11 +268,7 @@ class OptimalityStages:
         return too_wide(first, found.path.supports, self._max_states)
 
     def improve(
-        self,
-        *,
-        iterations: int | None,
-        seed: int,
-        watch: Callable[[Improvement], object] | None,
+        self, *, iterations: int | None, seed: int, watch: Callable[[Improvement], object] | None
     ) -> None:
         """Search for a better path in the remaining time."""
         task, timed, by_sat = self._task, iterations is None, SearchStage(STAGE)

@@ -19,12 +19,7 @@ def all_claims() -> tuple[PaperClaim, ...]:
     >>> claim.item, claim.expected
     ('2, definition of an action', True)
     """
-    found = (
-        *examples.CLAIMS,
-        *topology.CLAIMS,
-        *curvature.CLAIMS,
-        *geodesics_and_time.CLAIMS,
-    )
+    found = (*examples.CLAIMS, *topology.CLAIMS, *curvature.CLAIMS, *geodesics_and_time.CLAIMS)
     # By section; the appendix, a letter, comes last.
     return tuple(sorted(found, key=lambda each: each.item[0]))
 

@@ -174,10 +174,7 @@ def _unguarded(scene: Scene) -> Scene:
 def _deadlock() -> Outcome:
     scene = scene_from_spec("arm-free:start=deadlock")
     found = actions_at(scene, scene.start_state)
-    return (
-        f"an arm of {len(scene.start)} segments from which {len(found)} moves lead",
-        not found,
-    )
+    return (f"an arm of {len(scene.start)} segments from which {len(found)} moves lead", not found)
 
 
 def _square_of(state: State, one: Action, other: Action) -> bool:

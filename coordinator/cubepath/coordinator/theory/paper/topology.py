@@ -140,10 +140,7 @@ def _dimension_doubles() -> Outcome:
     ]
     shown = ", ".join(f"{coarse} to {fine}" for coarse, fine in pairs)
     doubled = [fine == 2 * coarse for coarse, fine in pairs]
-    return (
-        f"for N = 2 to 7: {shown}; doubled for even N, for odd N one less",
-        all(doubled),
-    )
+    return (f"for N = 2 to 7: {shown}; doubled for even N, for odd N one less", all(doubled))
 
 
 @claim(

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.proof_checking.refutation_windows import (
+from cubepath.coordinator.theory.proof_checking.refutation_moves import (
     IN_TRACE,
     IS_FREE,
     Ints,

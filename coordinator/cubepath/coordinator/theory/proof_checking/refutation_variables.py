@@ -26,11 +26,11 @@ from cubepath.coordinator.theory.proof_checking.refutation_clauses import (
     needs_ladder,
     slots_of,
 )
-from cubepath.coordinator.theory.proof_checking.refutation_moves import Moves
-from cubepath.coordinator.theory.proof_checking.refutation_windows import (
+from cubepath.coordinator.theory.proof_checking.refutation_moves import (
     IS_FREE,
     Ints,
     Longs,
+    Moves,
     ProofWindows,
     SupportTable,
 )
@@ -100,11 +100,7 @@ class Meanings:
         kinds, index, time = rows.T
         found = np.full(len(rows), -1, dtype=np.int64)
         for kind, (numbers, first, at) in {
-            _SITE: (
-                np.append(self._site_numbers, -1),
-                slots.x_first.astype(np.int64),
-                slots.x_at,
-            ),
+            _SITE: (np.append(self._site_numbers, -1), slots.x_first.astype(np.int64), slots.x_at),
             _MOVE: (
                 np.where(actions < 0, -1, 2 * actions).repeat(2)
                 + np.tile([0, 1], len(actions)) * (actions >= 0).repeat(2),

@@ -198,11 +198,7 @@ def prepare_all(system: System | None, *, with_solver: bool) -> bool:
 
 
 def _check_given(
-    system: System | None,
-    seconds: float | None,
-    iterations: int | None,
-    *,
-    labelled_goals: bool,
+    system: System | None, seconds: float | None, iterations: int | None, *, labelled_goals: bool
 ) -> None:
     if seconds is None and iterations is None:
         raise InputError("an improvement needs seconds or iterations to know when to stop")

@@ -23,7 +23,7 @@ _FIRST = (0, 2, 4)
 
 
 @dataclass(frozen=True, slots=True)
-class Wandering:
+class EndlessMotion:
     """Some modules, and the number of moves that shift all of them by a vector of the lattice."""
 
     modules: tuple[Site, ...]
@@ -31,7 +31,7 @@ class Wandering:
     moves: int
 
 
-def wandering(scene: Scene) -> Wandering | None:
+def wandering(scene: Scene) -> EndlessMotion | None:
     """Return modules of the start that can move away for ever, None if none are found.
 
     Proof. The workspace is a whole lattice without obstacles, so a path that is possible in one
@@ -96,7 +96,7 @@ class _Walk:
             return None
         return [steps.actions[number] for cube in found for number in cube]
 
-    def found(self) -> Wandering | None:
+    def found(self) -> EndlessMotion | None:
         """Return the walk if it can be repeated for ever, else None."""
         alone = self._path(1, frozenset())
         if alone is None:
@@ -109,7 +109,7 @@ class _Walk:
                 others.isdisjoint(self._moved(read, times)) for times in range(first, first + last)
             )
             if clear and (first == 0 or self._path(first, others) is not None):
-                return Wandering(self.modules, self.by, len(alone))
+                return EndlessMotion(self.modules, self.by, len(alone))
         return None
 
 

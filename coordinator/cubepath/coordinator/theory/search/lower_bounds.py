@@ -79,9 +79,7 @@ def prepare_for(system: System) -> bool:
     return own or system.graph is not None
 
 
-def _steps(
-    step: Callable[[], Sequence[Action] | None],
-) -> Iterator[Sequence[Action] | None]:
+def _steps(step: Callable[[], Sequence[Action] | None]) -> Iterator[Sequence[Action] | None]:
     while True:
         try:
             found = step()
@@ -111,12 +109,7 @@ Neighbours = Callable[[Site], Iterable[Site]]
 
 
 def lower_bound(
-    system: System | None,
-    start: State,
-    goal: State,
-    *,
-    within: int,
-    budget: Budget | None = None,
+    system: System | None, start: State, goal: State, *, within: int, budget: Budget | None = None
 ) -> Bound:
     """Return the greatest of the bounds that hold for the system.
 

@@ -117,11 +117,7 @@ _NEVER = 2**30
 
 @compiled
 def _spread(
-    world: RoutingWorld,
-    ways: _Ways,
-    away: Numbers,
-    at: tuple[int, int, int, int],
-    reached: Numbers,
+    world: RoutingWorld, ways: _Ways, away: Numbers, at: tuple[int, int, int, int], reached: Numbers
 ) -> int:
     """Extend routes from a vertex by a round; return the number of newly reached vertices.
 

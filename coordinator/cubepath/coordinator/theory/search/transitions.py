@@ -11,6 +11,14 @@ Moves that are known by a list alone, by the site at which a search meets them.
 A move in one of its directions is met at the first site, in canonical order, that is on before it,
 and one before which nothing is on is met anywhere. A list may be long, and a search may see little
 of it: of a path in numbers only the actions that are met are built.
+
+Such a sum guides a search, and affects only how soon the search finds something. The sum is 0 at
+the goal alone, and the trace of a move determines how the move changes it.
+
+This is so if the state complex is simply connected, and then the normal cube path of any path is a
+shortest path overall. State complexes of local systems are non-positively curved (Abrams and
+Ghrist), so their universal covers are contractible: for them, simply connected and contractible are
+the same.
 """
 
 from __future__ import annotations
@@ -20,11 +28,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubepath.coordinator.theory.search.budget import Budget
+from cubepath.coordinator.theory.complexes.collapses import contractibility
+from cubepath.coordinator.theory.complexes.exploration import explore
+from cubepath.coordinator.theory.complexes.homology_groups import homology
+from cubepath.coordinator.theory.complexes.state_complexes import f_vector, state_complex
+from cubepath.coordinator.theory.search.budget import Budget, SpentError
+from cubepath.coordinator.theory.search.lower_bounds import potential_of, ways_of
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Ordinals, Site, in_order, site_text
-from cubepath.protocol.core.system import System
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.scenes.registry import families_of
 
 Directed = tuple[Action, int]
 """An action, and the local state, 0 or 1, in which a move by it begins."""
@@ -278,3 +292,154 @@ def bits_of(state: int) -> list[int]:
         found.append(low.bit_length() - 1)
         state ^= low
     return found
+
+
+_MARGIN = 2
+"""Sites farther than all modules of the start by more than this need no exact distance."""
+
+
+class ReachableSites:
+    """The sites that a module can move to from each site; the system is asked once for each."""
+
+    def __init__(self, system: System | None) -> None:
+        """Ask the system."""
+        found = None if system is None else ways_of(system)
+        self._near = None if found is None else found.near
+        self._known: dict[Site, tuple[Site, ...]] = {}
+
+    @property
+    def known(self) -> bool:
+        """Return whether the system says where modules can go."""
+        return self._near is not None
+
+    def near(self, site: Site) -> tuple[Site, ...]:
+        """Return the sites that are one step away."""
+        found = self._known.get(site)
+        if found is None and self._near is not None:
+            found = self._known[site] = tuple(self._near(site))
+        return found or ()
+
+
+class Potential:
+    """The potential of the sites towards a goal, and what each move changes.
+
+    It is the potential of the system itself. If the system has none, it is the distance to the
+    nearest site of the goal along the ways of modules; if these are not known, 1 off the goal.
+    """
+
+    def __init__(
+        self, steps: Transitions, start: int, goal: int, ways: ReachableSites | None = None
+    ) -> None:
+        """Measure the sites as far as the modules of `start`, and a little beyond."""
+        self.start, self.goal = start, goal
+        self._steps = steps
+        self._of_bit: dict[int, int] = {}
+        self._changes: dict[int, tuple[int, int]] = {}
+        self._at = _measure(
+            steps, start, goal, ReachableSites(steps.system) if ways is None else ways
+        )
+
+    def of(self, state: int) -> int:
+        """Return the sum over the sites that are on."""
+        return sum(map(self._bit, bits_of(state)))
+
+    def _bit(self, bit: int) -> int:
+        found = self._of_bit.get(bit)
+        if found is None:
+            found = self._of_bit[bit] = self._at(self._steps.sites[bit])
+        return found
+
+    def change(self, number: int, state: int) -> int:
+        """Return how much a move that is admissible at the state changes the sum."""
+        known = self._changes.get(number)
+        toggle = self._steps.toggle[number]
+        before = toggle & state
+        if known is None:
+            change = self.of(toggle ^ before) - self.of(before)
+            self._changes[number] = before, change
+            return change
+        return known[1] if known[0] == before else -known[1]
+
+
+def _measure(
+    steps: Transitions, start: int, goal: int, ways: ReachableSites
+) -> Callable[[Site], int]:
+    goals = steps.decode(goal)
+    system = steps.system
+    said = None if system is None else potential_of(system, goals)
+    if said is not None:
+        return said
+    if not ways.known:
+        return lambda site: int(site not in goals)
+    known = dict.fromkeys(goals, 0)
+    waiting = set(steps.decode(start)) - goals
+    layer: Iterable[Site] = list(known)
+    distance = beyond = 0
+    while layer and beyond <= _MARGIN:
+        distance += 1
+        following: dict[Site, None] = {}
+        for here in layer:
+            for there in ways.near(here):
+                if there not in known:
+                    known[there] = distance
+                    following[there] = None
+        waiting -= following.keys()
+        beyond += not waiting
+        layer = following
+    return lambda site: known.get(site, distance + 1)
+
+
+STATES_MAX = 2_000
+"""A complex with more states is not computed."""
+_CUBES_MAX = 50_000
+
+
+def only_class(steps: Transitions, start: State) -> bool | None:
+    """Return whether all paths between two states reachable from `start` are homotopic.
+
+    True if a family of scenes knows it, by an argument for all sizes. For other systems the complex
+    is computed if it has at most `STATES_MAX` states: True if it collapses to a point, False if its
+    homology differs from that of a point. None if neither is found, or the budget of `steps` is
+    spent.
+
+    >>> scene = scene_from_spec("agv:graph=C4,n=1")
+    >>> only_class(Transitions(scene.system), scene.start_state)
+    False
+    """
+    system = steps.system
+    if system is None:
+        return None
+    if any(family.one_class(system, start) for family in families_of(system)):
+        return True
+    if not _are_few(steps, start):
+        return None
+    scene = Scene("", "", system, in_order(start - system.filled))
+    explored = explore(scene, max_states=STATES_MAX)
+    if not explored.complete or sum(f_vector(explored)) > _CUBES_MAX:
+        return None
+    found = state_complex(explored).complex
+    answer = contractibility(found, homology(found))
+    return {"collapses to a point": True, "not contractible": False}.get(answer)
+
+
+def _are_few(steps: Transitions, start: State) -> bool:
+    """Return whether at most `STATES_MAX` states are reachable; a larger complex costs little."""
+    first = steps.encode(start)
+    known, waiting = {first}, [first]
+    for state in waiting:
+        try:
+            steps.budget.spend()
+            options = steps.possible(state)
+        except SpentError:
+            return False
+        # Each of these moves can be made or not, independently of the others.
+        if 1 << len(steps.greedy(options)) > STATES_MAX:
+            return False
+        for number in options:
+            there = state ^ steps.toggle[number]
+            if there not in known:
+                known.add(there)
+                waiting.append(there)
+        if len(known) > STATES_MAX:
+            return False
+    return True

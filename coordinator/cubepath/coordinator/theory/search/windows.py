@@ -17,8 +17,7 @@ from random import Random
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.theory.search.exact import optimum
-from cubepath.coordinator.theory.search.heuristics import Potential, ReachableSites
-from cubepath.coordinator.theory.search.transitions import Transitions
+from cubepath.coordinator.theory.search.transitions import Potential, ReachableSites, Transitions
 from cubepath.protocol.core.actions import Action, State
 
 Cost = tuple[int, int]

@@ -37,9 +37,7 @@ def add_diff(diff: argparse.ArgumentParser) -> None:
         help="whether the two are equal up to swapping commuting moves",
     )
     how.add_argument(
-        "--homotopic",
-        action="store_true",
-        help="whether the two have the same normal cube path",
+        "--homotopic", action="store_true", help="whether the two have the same normal cube path"
     )
     diff.add_argument(
         "--rounds",

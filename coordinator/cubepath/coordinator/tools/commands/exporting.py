@@ -107,11 +107,6 @@ def _export(options: argparse.Namespace) -> int:
             foxglove=foxglove,
             kinds=[each for each in options.kinds.split(",") if each],
         )
-    document = {
-        "what": found.what,
-        "form": found.form,
-        "count": found.count,
-        "output": str(out),
-    }
+    document = {"what": found.what, "form": found.form, "count": found.count, "output": str(out)}
     answer(options, document, visible(f"{found.count} {found.what} written to {file_name(out)}"))
     return DONE

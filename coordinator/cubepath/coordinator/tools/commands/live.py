@@ -7,14 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    answer,
-    complain,
-    table,
-)
+from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
 from cubepath.coordinator.commands.usage import add_fields, number, whole
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
@@ -74,9 +67,9 @@ def watched(
                 raise InputError(f"--{name}: expected --live with it")
         yield
         return
-    from cubepath.coordinator.tools.live.watching import Live  # noqa: PLC0415 - only what is needed
+    from cubepath.coordinator.tools.live.watching import LivePage  # noqa: PLC0415 - only what is needed
 
-    with Live(running, port=options.live, rate=options.rate, paused=options.paused) as page:
+    with LivePage(running, port=options.live, rate=options.rate, paused=options.paused) as page:
         # The address comes last: terminals take what follows it for a part of it.
         waits = "paused until you resume it on its page, " if options.paused else ""
         say(f"{waits}live at {page.address}")

@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.path_options import (
-    INPUT_HELP,
-    add_plan_options,
-    hints,
-    solved,
-)
+from cubepath.coordinator.commands.path_options import INPUT_HELP, add_plan_options, hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.live import (
@@ -166,13 +161,8 @@ def _view(options: argparse.Namespace) -> int:
 
 
 def _view_path(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415 - only what a command needs
-        PICTURE_SUFFIXES,
-        run_picture,
-    )
-    from cubepath.coordinator.runs.films import (  # noqa: PLC0415
-        FILM_SUFFIXES,
-    )
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.runs.films import FILM_SUFFIXES  # noqa: PLC0415
     from cubepath.coordinator.tools.viewing.pages import PAGE_SUFFIXES  # noqa: PLC0415
 
     if options.out is None and options.input == STANDARD_INPUT:
@@ -251,9 +241,7 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
     check_files(argparse.Namespace(system=str(source)), [], Output(path, PICTURE_SUFFIXES))
     scene_picture(scene, path, sheet=_sheet(options, path, None))
     answer(
-        options,
-        {"system": scene.spec, "picture": str(path)},
-        f"written to {visible(str(path))}",
+        options, {"system": scene.spec, "picture": str(path)}, f"written to {visible(str(path))}"
     )
     return DONE
 
@@ -278,11 +266,7 @@ def _written(
 
 def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
     """Draw a film of the run, of its schedule, or of both side by side."""
-    from cubepath.coordinator.runs.films import (  # noqa: PLC0415
-        FRAMES_PER_SECOND,
-        animate,
-        animate_beside,
-    )
+    from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate, animate_beside  # noqa: PLC0415
 
     rate: float = options.rate or FRAMES_PER_SECOND
     with progress_bar(None, "film", " frames") as bar:
@@ -352,10 +336,7 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
 
 
 def _from_file(options: argparse.Namespace, file: InputFile) -> DrawingInput:
-    from cubepath.coordinator.shortening.path_steps import (  # noqa: PLC0415
-        certified_steps,
-        read_steps,
-    )
+    from cubepath.coordinator.shortening.path_steps import certified_steps, read_steps  # noqa: PLC0415
 
     with progress_bar(None, "view", " moves") as bar:
         if form_of(file).name == "certificate":

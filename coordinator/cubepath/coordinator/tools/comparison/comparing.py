@@ -26,7 +26,11 @@ import msgspec
 
 from cubepath.coordinator.runs.contents import counted_processes
 from cubepath.coordinator.tools.comparison.free import compare_free
-from cubepath.coordinator.tools.comparison.lockstep import Asked, Parting, SideBySide
+from cubepath.coordinator.tools.comparison.lockstep import (
+    ComparisonScope,
+    FoundDifferences,
+    SideBySide,
+)
 from cubepath.coordinator.tools.comparison.moves import (
     compare_files,
     compare_paths,
@@ -40,9 +44,9 @@ from cubepath.coordinator.tools.comparison.results import (
     NO_ROUNDS,
     ChoiceDifference,
     MessageDifference,
-    Paths,
+    PathComparison,
 )
-from cubepath.coordinator.tools.comparison.told import Compared
+from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.errors import InputError
@@ -58,10 +62,10 @@ def compare_families(
     b: Recording,
     parameters: dict[str, tuple[str | None, str | None]],
     scene: str | None,
-) -> Compared:
+) -> RunComparison:
     """Compare how runs of systems of two families ended; nothing else would make sense."""
     told = _ended(a), _ended(b)
-    return Compared(
+    return RunComparison(
         str(a.path),
         str(b.path),
         clock=a.clock if a.clock == b.clock else "moves",
@@ -117,12 +121,12 @@ COMPARED_KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube",
 """The kinds of messages that are compared, in the order of a round and then of the end."""
 
 
-def _range(asked: Asked) -> str:
+def _range(asked: ComparisonScope) -> str:
     """Return the rounds that are asked for, as on the command line."""
     return f"{asked.first}..{'' if asked.last is None else asked.last}"
 
 
-def check_asked(asked: Asked) -> None:
+def check_asked(asked: ComparisonScope) -> None:
     """Check what is asked by itself; InputError."""
     if asked.context < 0:
         raise InputError(f"context={asked.context}: expected 0 or more")
@@ -131,7 +135,7 @@ def check_asked(asked: Asked) -> None:
 
 
 def check_use(
-    a: Recording | InputFile, b: Recording | InputFile, asked: Asked, system: str | None
+    a: Recording | InputFile, b: Recording | InputFile, asked: ComparisonScope, system: str | None
 ) -> None:
     """Refuse what would make no difference for these two; InputError."""
     recordings = [each for each in (a, b) if isinstance(each, Recording)]
@@ -165,7 +169,7 @@ def check_use(
             )
 
 
-def check_compared(side_by_side: SideBySide, asked: Asked) -> None:
+def check_compared(side_by_side: SideBySide, asked: ComparisonScope) -> None:
     """Refuse two runs of which no round could be compared; InputError, OutOfOrder as for `go`.
 
     A run that ended before its first round has nothing that could differ, and is compared.
@@ -203,7 +207,7 @@ def diff(
     context: int = 0,
     rounds: tuple[int, int | None] = (1, None),
     system: str | None = None,
-) -> Compared:
+) -> RunComparison:
     """Return where two runs part, and why.
 
     The order is that of the run: by round, phase, kind and module, never by arrival, and not by how
@@ -233,7 +237,7 @@ def diff(
     `ignore`, `context`, `rounds` or `system` is of no use for these two; CheckError as for
     `shorten`.
     """
-    asked = Asked(rounds[0], rounds[1], frozenset(ignore), context)
+    asked = ComparisonScope(rounds[0], rounds[1], frozenset(ignore), context)
     check_asked(asked)
     with ExitStack() as stack:
         one, two = (_recording(each, stack) for each in (a, b))
@@ -260,7 +264,7 @@ def diff(
         )
 
 
-def _with_rounds(one: Recording, two: Recording, asked: Asked) -> Compared:
+def _with_rounds(one: Recording, two: Recording, asked: ComparisonScope) -> RunComparison:
     try:
         return _lockstep(one, two, asked, in_order=True)
     except OutOfOrder:
@@ -277,9 +281,9 @@ def _recording(source: Recording | Source, stack: ExitStack) -> Recording | Inpu
 
 def _moves_alone(
     a: Recording | InputFile, b: Recording | InputFile, system: str | None
-) -> Compared:
+) -> RunComparison:
     move, paths, scene, notes = compare_files(a, b, system)
-    return Compared(
+    return RunComparison(
         str(a.path),
         str(b.path),
         clock="moves",
@@ -319,7 +323,9 @@ def _identical(a: Path, b: Path) -> bool:
     return False
 
 
-def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Compared:
+def _lockstep(
+    a: Recording, b: Recording, asked: ComparisonScope, *, in_order: bool
+) -> RunComparison:
     readings = Reading(a, in_order=in_order), Reading(b, in_order=in_order)
     side_by_side = SideBySide(*readings, asked)
     parting = side_by_side.go()
@@ -343,7 +349,7 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
     gaps = any(side_by_side.gaps(side) for side in (0, 1))
     missing = gaps or any(parting.lacking)
     late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
-    return Compared(
+    return RunComparison(
         str(a.path),
         str(b.path),
         clock="lockstep",
@@ -372,7 +378,7 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
 def _choice(
     runs: tuple[Recording, Recording],
     readings: tuple[Reading, Reading],
-    parting: Parting,
+    parting: FoundDifferences,
     *,
     in_order: bool,
 ) -> ChoiceDifference | None:
@@ -395,7 +401,7 @@ def _choice(
 
 
 def _lack_results(
-    readings: tuple[Reading, Reading], parting: Parting, ignored: Collection[str]
+    readings: tuple[Reading, Reading], parting: FoundDifferences, ignored: Collection[str]
 ) -> None:
     """Take down which results were left out of one run, and the other has."""
     for side, reading in enumerate(readings):
@@ -450,7 +456,7 @@ def _odd(reading: Reading) -> Iterator[str]:
         yield f"is cut off: {reading.cut_off}"
 
 
-def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | None:
+def _beginning(readings: tuple[Reading, Reading], parting: FoundDifferences) -> str | None:
     """Return the run after whose last round the other goes on, if nothing of it was lost then."""
     if not any(parting.only):
         return None
@@ -460,7 +466,7 @@ def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | Non
     return None if lost else NAMES[side]
 
 
-def _compared(asked: Asked, side_by_side: SideBySide) -> str:
+def _compared(asked: ComparisonScope, side_by_side: SideBySide) -> str:
     spans = side_by_side.found.compared
     if not spans:
         return NO_ROUNDS
@@ -468,7 +474,7 @@ def _compared(asked: Asked, side_by_side: SideBySide) -> str:
     return f"{rounds_text(spans)}{both}"
 
 
-def _paths(side_by_side: SideBySide, notes: list[str]) -> Paths | None:
+def _paths(side_by_side: SideBySide, notes: list[str]) -> PathComparison | None:
     one, two = side_by_side.paths
     if side_by_side.broken:
         notes.append("rounds are missing in between: the paths are not compared as a whole")

@@ -4,30 +4,55 @@ When things happened differs between any two such runs, and is not compared. A c
 both if it is the same move of the same module, writes the same, and depends on the same commits,
 all of them the same; so runs all of whose commits are the same are equal up to commuting. Of the
 others those are first that depend on no other of them.
+
+The rule is asked again turn by turn, as in an audit, up to the turn that led to the commit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 
-from cubepath.coordinator.tools.comparison.free_reasons import explain_commit
-from cubepath.coordinator.tools.comparison.free_run import Commit, CommitId, FreeRun
+from cubepath.agents.rules.rule import Choice
+from cubepath.coordinator.tools.comparison.free_run import (
+    CommitGraph,
+    CommitId,
+    CommitNode,
+    ShownInTurn,
+)
 from cubepath.coordinator.tools.comparison.moves import advance, compare_paths, named, states_text
+from cubepath.coordinator.tools.comparison.playing import (
+    ReplayedChoice,
+    RuleReplayer,
+    RuleSource,
+    way_of,
+)
+from cubepath.coordinator.tools.comparison.reasons import (
+    NOT_BY_RULE,
+    only_cause,
+    picture_of,
+    value_text,
+)
 from cubepath.coordinator.tools.comparison.results import (
     NAMES,
-    Apart,
+    Cause,
+    ChoiceContext,
+    ChoiceDifference,
+    DifferingRounds,
     MoveDifference,
-    Paths,
+    PathComparison,
 )
-from cubepath.coordinator.tools.comparison.told import Compared
+from cubepath.coordinator.tools.comparison.told import RunComparison
+from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.free_messages import Moved
+from cubepath.protocol.wire.free_messages import Moved, Turn
 
 NOT_COMPARED = (
     "not compared, as it follows from timing: who was shown what when, turns in which a module"
@@ -35,9 +60,9 @@ NOT_COMPARED = (
 )
 
 
-def compare_free(a: Recording, b: Recording) -> Compared:
+def compare_free(a: Recording, b: Recording) -> RunComparison:
     """Return where two runs without rounds part; see `diff`."""
-    runs = FreeRun(a), FreeRun(b)
+    runs = CommitGraph(a), CommitGraph(b)
     same = _same(runs)
     _check_comparable(runs)
     pairs = _other(runs, same)
@@ -54,7 +79,7 @@ def compare_free(a: Recording, b: Recording) -> Compared:
     if not pairs and any(more) and not lost:
         beginning = "b" if not more[1] else "a" if not more[0] else None
     whole = bool(pairs) or not any(more)
-    return Compared(
+    return RunComparison(
         str(a.path),
         str(b.path),
         clock="free",
@@ -77,7 +102,7 @@ def compare_free(a: Recording, b: Recording) -> Compared:
     )
 
 
-def _check_comparable(runs: tuple[FreeRun, FreeRun]) -> None:
+def _check_comparable(runs: tuple[CommitGraph, CommitGraph]) -> None:
     """Refuse runs of which nothing can be compared, as the first commits are missing."""
     for run in runs:
         if not run.commits and run.partial:
@@ -89,7 +114,7 @@ def _check_comparable(runs: tuple[FreeRun, FreeRun]) -> None:
             )
 
 
-def _notes(runs: tuple[FreeRun, FreeRun]) -> Iterator[str]:
+def _notes(runs: tuple[CommitGraph, CommitGraph]) -> Iterator[str]:
     for name, run in zip(NAMES, runs, strict=True):
         for problem in run.recording.problems:
             yield f"{name} is damaged: {problem}"
@@ -109,7 +134,9 @@ def _notes(runs: tuple[FreeRun, FreeRun]) -> Iterator[str]:
             yield f"{name} is cut off: no summary"
 
 
-def _compared(runs: tuple[FreeRun, FreeRun], same: set[CommitId], more: tuple[int, ...]) -> str:
+def _compared(
+    runs: tuple[CommitGraph, CommitGraph], same: set[CommitId], more: tuple[int, ...]
+) -> str:
     one, two = (len(run.commits) for run in runs)
     if not any(more):
         return f"{counted(one, 'commit')}, by what they depend on"
@@ -119,10 +146,10 @@ def _compared(runs: tuple[FreeRun, FreeRun], same: set[CommitId], more: tuple[in
     )
 
 
-_Pair = tuple[Commit | None, Commit | None]
+_Pair = tuple[CommitNode | None, CommitNode | None]
 
 
-def _same(runs: tuple[FreeRun, FreeRun]) -> set[CommitId]:
+def _same(runs: tuple[CommitGraph, CommitGraph]) -> set[CommitId]:
     """Return the commits that are the same in both, with all that they depend on."""
     one, two = (run.commits for run in runs)
     same: set[CommitId] = set()
@@ -137,7 +164,7 @@ def _same(runs: tuple[FreeRun, FreeRun]) -> set[CommitId]:
     return same
 
 
-def _other(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> list[_Pair]:
+def _other(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> list[_Pair]:
     """Return the commits that differ and depend on none that does, by level and module.
 
     With each comes the commit of the same module and number in the other run, if there is one. What
@@ -155,7 +182,9 @@ def _other(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> list[_Pair]:
     return sorted(found.values(), key=_place)
 
 
-def _first_move(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> MoveDifference | None:
+def _first_move(
+    runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]
+) -> MoveDifference | None:
     """Return the first commit with a move that is not the same in both, by level and module."""
     one, two = (run.commits for run in runs)
     pairs = [
@@ -193,7 +222,7 @@ def _parted(pairs: list[_Pair]) -> dict[int, int]:
     return found
 
 
-def _ends(runs: tuple[FreeRun, FreeRun]) -> tuple[str, str] | None:
+def _ends(runs: tuple[CommitGraph, CommitGraph]) -> tuple[str, str] | None:
     told = ["not on record" if run.summary is None else run.summary.ended for run in runs]
     return (told[0], told[1]) if told[0] != told[1] else None
 
@@ -201,7 +230,7 @@ def _ends(runs: tuple[FreeRun, FreeRun]) -> tuple[str, str] | None:
 _Named = tuple[int, str, Site]
 
 
-def _by_level(run: FreeRun) -> dict[int, list[_Named]]:
+def _by_level(run: CommitGraph) -> dict[int, list[_Named]]:
     found: dict[int, list[_Named]] = {}
     for moved, _ in run.moves():
         named = moved.module, str(moved.generator), site_in(moved.at)
@@ -209,7 +238,7 @@ def _by_level(run: FreeRun) -> dict[int, list[_Named]]:
     return found
 
 
-def _levels(runs: tuple[FreeRun, FreeRun]) -> list[tuple[int, int, int, int]]:
+def _levels(runs: tuple[CommitGraph, CommitGraph]) -> list[tuple[int, int, int, int]]:
     one, two = (_by_level(run) for run in runs)
     found: list[tuple[int, int, int, int]] = []
     for level in sorted({*one, *two}):
@@ -219,13 +248,13 @@ def _levels(runs: tuple[FreeRun, FreeRun]) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _states(runs: tuple[FreeRun, FreeRun]) -> list[Apart]:
+def _states(runs: tuple[CommitGraph, CommitGraph]) -> list[DifferingRounds]:
     """Return from the end of which level to that of which the states differ."""
     states = [set(run.recording.scene.start_state) for run in runs]
     paths = [list(run.moves()) for run in runs]
     places = [0, 0]
     last = max((moved.level for path in paths for moved, _ in path), default=0)
-    found: list[Apart] = []
+    found: list[DifferingRounds] = []
     begin = None if states[0] == states[1] else 0
     for level in range(1, last + 1):
         for side, path in enumerate(paths):
@@ -237,12 +266,12 @@ def _states(runs: tuple[FreeRun, FreeRun]) -> list[Apart]:
         if begin is None:
             begin = level
         else:
-            found.append(Apart(begin, level))
+            found.append(DifferingRounds(begin, level))
             begin = None
-    return found if begin is None else [*found, Apart(begin, None)]
+    return found if begin is None else [*found, DifferingRounds(begin, None)]
 
 
-def _paths(runs: tuple[FreeRun, FreeRun]) -> Paths:
+def _paths(runs: tuple[CommitGraph, CommitGraph]) -> PathComparison:
     one, two = ([_action(*each) for each in run.moves()] for run in runs)
     starts = [run.recording.scene.start_state for run in runs]
     end = states_text(*(frozenset(run.history.state) for run in runs))
@@ -250,7 +279,7 @@ def _paths(runs: tuple[FreeRun, FreeRun]) -> Paths:
     return compare_paths(one, two, (starts[0], starts[1]), end, identical=identical)
 
 
-def _paths_of(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> Paths:
+def _paths_of(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> PathComparison:
     """Return how the paths compare of the commits that are the same in both."""
     kept = [{run.commits[name].name for name in same} for run in runs]
     one, two = (
@@ -270,3 +299,220 @@ def _action(moved: Moved, action: Action) -> Action:
     if moved.generator is None or place is None:
         return action
     return named(action, moved.generator, place)
+
+
+_Chosen = tuple[object, ...]
+"""All of a choice, its move by name."""
+
+
+@dataclass(frozen=True)
+class _Trail:
+    """The turns of a module up to that of a commit, with what came of asking rules again."""
+
+    inputs: list[object]
+    shown: ShownInTurn | None
+    """What it was shown in the last of them."""
+    chosen: _Chosen
+    """What is on record that it chose then."""
+    played: list[ReplayedChoice | None]
+    refused: str | None
+    """Why rules could not be asked."""
+
+
+def explain_commit(
+    runs: tuple[CommitGraph, CommitGraph], pair: _Pair, also: Collection[int]
+) -> ChoiceDifference:
+    """Explain a commit that differs and depends on none that does."""
+    known = [each for each in pair if each is not None]
+    module, number = known[0].id
+    a, b = (way_of(run.recording, module, 1) for run in runs)
+    changed = a.differs(b)
+    asked = [a, *(a.exchanged(name, b) for name in changed)], [b, a]
+    trails = [
+        None if commit is None else _follow(run, commit, ways)
+        for run, commit, ways in zip(runs, pair, asked, strict=True)
+    ]
+    one, two = trails
+    sides = [
+        _side(commit, trail, module, run.history.system)
+        for commit, trail, run in zip(pair, trails, runs, strict=True)
+    ]
+    causes, why = _causes(pair, one, two, changed)
+    parameters = [
+        f"{name} is {value_text(getattr(a, name))} in a, and {value_text(getattr(b, name))} in b"
+        for name in changed
+    ]
+    level = min(commit.moved.level for commit in known)
+    others = tuple(sorted({*also} - {module}))
+    return ChoiceDifference(
+        level, module, sides[0], sides[1], causes, (*parameters, *why), others, number
+    )
+
+
+def _follow(run: CommitGraph, commit: CommitNode, ways: Sequence[RuleSource]) -> _Trail | None:
+    """Follow a module up to the turn of a commit; None if that is not on record."""
+    scene, moved = run.recording.scene, commit.moved
+    observing = Observing(scene)
+    inputs: list[object] = []
+    players: list[RuleReplayer] = []
+    played: list[ReplayedChoice | None] = [None] * len(ways)
+    refused: str | None = None
+    turn: Turn | None = None
+    last = 0
+    shown: ShownInTurn | None = None
+    for turn, fresh, born in run.turns_to(commit):
+        if fresh:
+            last, refused = 0, None
+            players = [RuleReplayer(scene, moved.module, way, born, clock="free") for way in ways]
+        if turn.turn != last + 1:
+            refused = f"turn {last + 1} of epoch {turn.epoch} is not on record"
+        last = turn.turn
+        shown = run.shown(turn)
+        if shown is None:
+            refused = f"what it was shown in turn {turn.turn} is not on record"
+            inputs.append(None)
+            continue
+        told = sorted(shown.told.items())
+        inputs.append((fresh, shown.site, sorted(shown.who.items()), told, shown.register))
+        if refused is None:
+            played = [_play(observing, player, moved.module, shown) for player in players]
+    if turn is None or (turn.epoch, turn.turn) != (moved.epoch, moved.turn):
+        return None
+    if refused is None and players:
+        refused = players[0].why
+    elif refused is not None:
+        played = [None] * len(ways)
+    return _Trail(inputs, shown, _recorded(run, turn), played, refused)
+
+
+def _play(
+    observing: Observing, player: RuleReplayer, module: int, shown: ShownInTurn
+) -> ReplayedChoice | None:
+    seen = observing.seen(
+        module,
+        shown.site,
+        shown.standing,
+        shown.notes,
+        note_length=player.length,
+        register=shown.register,
+    )
+    return player.play(shown.site, seen)
+
+
+def _recorded(run: CommitGraph, turn: Turn) -> _Chosen:
+    site = site_in(turn.site)
+    move = None
+    if site is not None and turn.action:
+        moves = run.history.system.moves(site)
+        found = moves[turn.action - 1] if turn.action <= len(moves) else None
+        move = None if found is None else (found.generator, found.at)
+    return (
+        move,
+        None if turn.note is None else tuple(turn.note),
+        turn.failed,
+        tuple(map(site_in, turn.guards)),
+        tuple(map(site_in, turn.heeds)),
+        {site_in(place): tuple(note) for place, note in turn.exchanges},
+    )
+
+
+def _chosen(played: ReplayedChoice) -> _Chosen:
+    choice: Choice = played.choice
+    exchanges: dict[Site | None, tuple[int, ...]] = {
+        place: tuple(note) for place, note in choice.exchanges.items()
+    }
+    note = None if choice.note is None else tuple(choice.note)
+    return played.action, note, choice.failed, choice.guards, choice.heeds, exchanges
+
+
+def _side(
+    commit: CommitNode | None, trail: _Trail | None, module: int, system: System
+) -> ChoiceContext:
+    chose = "makes no such commit" if commit is None else commit.text()
+    level = None if commit is None or commit.move is None else commit.moved.level
+    if trail is None or trail.shown is None:
+        return ChoiceContext("", {}, {}, chose, level=level)
+    shown, played = trail.shown, trail.played[0]
+    told = {**shown.told, **({"its own register": shown.register} if shown.register else {})}
+    by_rule = None
+    if played is not None:
+        by_rule = chose if _chosen(played) == trail.chosen else "something else"
+    drew = None if played is None else played.drew
+    picture = picture_of(system, module, shown.site, shown.who)
+    doubt = None if played is None else played.doubt
+    return ChoiceContext(
+        shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions, picture, level
+    )
+
+
+def _causes(
+    pair: _Pair, a: _Trail | None, b: _Trail | None, changed: list[str]
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    one, two = pair
+    if one is None or two is None:
+        name = NAMES[0 if one is None else 1]
+        return ("unknown",), (f"{name} has no such commit of this module on record",)
+    lines = list(_dependencies(one, two))
+    if one.content == two.content:
+        return ("inputs",), ("the commit is the same, and depends on others", *lines)
+    if a is None or b is None:
+        name = NAMES[0 if a is None else 1]
+        return ("unknown",), (*lines, f"{name}: the turn that led to it is not on record")
+    lines += _shown(a, b)
+    causes, more = _asked(a, b, changed)
+    return causes, (*lines, *more)
+
+
+def _asked(a: _Trail, b: _Trail, changed: list[str]) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """Return what makes the difference, by what rules chose when they were asked again."""
+    everything = [*(["inputs"] if a.inputs != b.inputs else []), *changed]
+    for name, trail in zip(NAMES, (a, b), strict=True):
+        if trail.played[0] is None:
+            why = trail.refused or "its rule could not be asked"
+            return only_cause(everything), (f"{name}: what it drew is not known: {why}",)
+        if _chosen(trail.played[0]) != trail.chosen:
+            return ("record",), (f"{name}: {NOT_BY_RULE}",)
+    enough = {
+        name: found is not None and _chosen(found) == b.chosen
+        for name, found in [*zip(changed, a.played[1:], strict=True), ("inputs", b.played[1])]
+        if name in everything
+    }
+    names: tuple[Cause, ...] = ("inputs", "rule", "seed", "hesitate")
+    causes: tuple[Cause, ...] = tuple(name for name in names if enough.get(name))
+    none: Cause = "together" if everything else "unknown"
+    return causes or (none,), ()
+
+
+def _dependencies(one: CommitNode, two: CommitNode) -> Iterator[str]:
+    for name, mine, theirs in (("a", one, two), ("b", two, one)):
+        alone = sorted(mine.before - theirs.before)
+        if alone:
+            told = ", ".join(f"commit {number} of module_{module}" for module, number in alone)
+            yield f"in {name} alone it comes after {told}"
+
+
+def _shown(a: _Trail, b: _Trail) -> Iterator[str]:
+    one, two = a.shown, b.shown
+    if one is None or two is None:
+        return
+    if len(a.inputs) != len(b.inputs):
+        asked = counted(len(a.inputs), "time")
+        yield f"its rule was asked {asked} in a and {len(b.inputs)} in b until then"
+    if one.who == two.who and one.told == two.told and one.register == two.register:
+        yield "it was shown the same in the turn that led there"
+        return
+    for place in sorted({*one.who, *two.who}):
+        told = [
+            f"{each.who[place]} (version {each.versions[place]})"
+            if place in each.who
+            else "not sensed"
+            for each in (one, two)
+        ]
+        if one.who.get(place) != two.who.get(place):
+            yield f"at {place}: {told[0]} in a, {told[1]} in b"
+    for who in sorted({*one.told, *two.told}):
+        notes = [each.told.get(who, "nothing") for each in (one, two)]
+        if notes[0] != notes[1]:
+            yield f"{who} says: {notes[0]} in a, {notes[1]} in b"
+    if one.register != two.register:
+        yield f"its own register: {one.register} in a, {two.register} in b"

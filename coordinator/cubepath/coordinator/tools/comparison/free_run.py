@@ -18,13 +18,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.free_messages import (
-    Entered,
-    Moved,
-    Register,
-    Turn,
-    decode_free,
-)
+from cubepath.protocol.wire.free_messages import Entered, Moved, Register, Turn, decode_free
 from cubepath.protocol.wire.messages import Summary, encode
 
 CommitId: TypeAlias = tuple[int, int]
@@ -35,7 +29,7 @@ _KINDS = frozenset({"moved", "tail", "turns", "tell", "summary"})
 
 
 @dataclass(frozen=True)
-class Commit:
+class CommitNode:
     """A commit, with all that it is in another run too if that is equal up to commuting."""
 
     id: CommitId
@@ -72,7 +66,7 @@ class Commit:
         return ", ".join(told) or "holds registers"
 
 
-class FreeRun:
+class CommitGraph:
     """A recording of a run without rounds."""
 
     def __init__(self, recording: Recording) -> None:
@@ -156,7 +150,7 @@ class FreeRun:
         for commits in self._commits.values():
             self.missing += max(commits) - len(commits)
 
-    def _linked(self) -> dict[CommitId, Commit]:
+    def _linked(self) -> dict[CommitId, CommitNode]:
         """Return all commits in an order in which they can have happened.
 
         Those that follow on others which are not on record are left out, and counted: which of its
@@ -183,7 +177,7 @@ class FreeRun:
             counts[module] = counts.get(module, 0) + 1
             ids[number] = module, counts[module]
         return {
-            ids[number]: Commit(
+            ids[number]: CommitNode(
                 ids[number],
                 history.commits[number],
                 _content(history.commits[number]),
@@ -200,7 +194,7 @@ class FreeRun:
 
     # What a module was shown.
 
-    def turns_to(self, commit: Commit) -> Iterator[tuple[Turn, bool, Site]]:
+    def turns_to(self, commit: CommitNode) -> Iterator[tuple[Turn, bool, Site]]:
         """Yield the turns of a module up to the one that led to a commit.
 
         Each comes with whether its process began anew, and where it then stood.
@@ -216,7 +210,7 @@ class FreeRun:
                 yield turn, turn.epoch != epoch, born
             epoch = turn.epoch
 
-    def shown(self, turn: Turn) -> Shown | None:
+    def shown(self, turn: Turn) -> ShownInTurn | None:
         """Return what a rule was shown in a turn, None if its versions are not on record."""
         history, system = self.history, self.history.system
         site = site_in(turn.site)
@@ -225,7 +219,7 @@ class FreeRun:
             return None
         try:
             place = system.place_of(site)
-            found = Shown(site, standing.note, {place: site}, {}, {}, {}, {})
+            found = ShownInTurn(site, standing.note, {place: site}, {}, {}, {}, {})
             for near, version in zip(system.sensed(place), turn.sensed, strict=False):
                 if near is None:
                     continue
@@ -251,7 +245,7 @@ class FreeRun:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownInTurn:
     """What a rule was shown in a turn; in words `who` is where, and `told` who says what."""
 
     site: Site

@@ -15,7 +15,7 @@ import msgspec
 from cubepath.coordinator.tools.comparison.moves import Path
 from cubepath.coordinator.tools.comparison.reading import Reading, action_text, start_of
 from cubepath.coordinator.tools.comparison.results import (
-    Apart,
+    DifferingRounds,
     MessageDifference,
     MoveDifference,
 )
@@ -32,7 +32,7 @@ _KINDS = ("here", "note", "claim", "verdict", "report", "edges")
 
 
 @dataclass(frozen=True)
-class Asked:
+class ComparisonScope:
     """What is compared: the rounds, and no messages of the kinds that are ignored."""
 
     first: int = 1
@@ -47,7 +47,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Outcomes:
+class ClaimOutcomes:
     """A claim that came of otherwise: what is on record of its round in both runs."""
 
     round: int
@@ -57,7 +57,7 @@ class Outcomes:
 
 
 @dataclass
-class Parting:
+class FoundDifferences:
     """What differs, as it is found."""
 
     message: MessageDifference | None = None
@@ -65,9 +65,9 @@ class Parting:
     """By module the first round in which it chose otherwise."""
     acted: set[int] = field(default_factory=set)
     """Those of them that claimed something else in that round, or gave up in one run alone."""
-    outcome: Outcomes | None = None
+    outcome: ClaimOutcomes | None = None
     move: MoveDifference | None = None
-    states: list[Apart] = field(default_factory=list)
+    states: list[DifferingRounds] = field(default_factory=list)
     rounds: list[tuple[int, int, int, int]] = field(default_factory=list)
     moved_apart: dict[int, int] = field(default_factory=dict)
     """By module that stood elsewhere in the other run when choices first differed, since when."""
@@ -89,10 +89,10 @@ class Parting:
 class SideBySide:
     """Goes through two recordings at once."""
 
-    def __init__(self, a: Reading, b: Reading, asked: Asked) -> None:
+    def __init__(self, a: Reading, b: Reading, asked: ComparisonScope) -> None:
         """Begin at the first round that is whole in both."""
         self.readings = a, b
-        self.found = Parting()
+        self.found = FoundDifferences()
         self.paths = Path(a.recording.scene.system), Path(b.recording.scene.system)
         self.begin = max(a.first, b.first)
         self.starts: tuple[frozenset[Site], frozenset[Site]] | None = None
@@ -103,9 +103,9 @@ class SideBySide:
         self._rounds = self._from_begin(a), self._from_begin(b)
         self._since = self._due = 0
         self._silent = _silent(a.recording), _silent(b.recording)
-        self._states = States(a.recording.scene.start, b.recording.scene.start)
+        self._states = ModuleStates(a.recording.scene.start, b.recording.scene.start)
 
-    def go(self) -> Parting:
+    def go(self) -> FoundDifferences:
         """Compare all rounds; OutOfOrder as for `Reading.rounds`."""
         only = [0, 0]
         one, two = (next(each, None) for each in self._rounds)
@@ -246,7 +246,7 @@ class SideBySide:
                 if found.choices.setdefault(module, number) == number:
                     found.acted.add(module)
             elif found.outcome is None and _outcome(a, module) != _outcome(b, module):
-                found.outcome = Outcomes(number, module, a, b)
+                found.outcome = ClaimOutcomes(number, module, a, b)
 
     def _moves(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         one, two = _moves(a), _moves(b)
@@ -263,13 +263,13 @@ class SideBySide:
             self.found.move = MoveDifference(number, module, mine, theirs)
 
 
-class States:
+class ModuleStates:
     """Where modules stand in both runs by their own word, and whether the same sites are on."""
 
     def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
         """Begin where modules stand at the start."""
         self.moved_apart: dict[int, int] = {}
-        self._apart: list[Apart] = []
+        self._apart: list[DifferingRounds] = []
         self._begin: int | None = None
         self.place(a, b, 0)
 
@@ -307,10 +307,10 @@ class States:
             else:
                 self.moved_apart.setdefault(module, number)
 
-    def ended(self) -> list[Apart]:
+    def ended(self) -> list[DifferingRounds]:
         """Return from when to when the states differed."""
         if self._begin is not None:
-            self._apart.append(Apart(self._begin, None))
+            self._apart.append(DifferingRounds(self._begin, None))
         return self._apart
 
     def _count(self, site: Site, by: int) -> None:
@@ -325,7 +325,7 @@ class States:
         if self._balance and self._begin is None:
             self._begin = number
         elif not self._balance and self._begin is not None:
-            self._apart.append(Apart(self._begin, number))
+            self._apart.append(DifferingRounds(self._begin, number))
             self._begin = None
 
 

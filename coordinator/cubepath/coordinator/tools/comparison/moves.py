@@ -14,7 +14,7 @@ from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.coordinator.tools.comparison.reading import action_text, cut_text
-from cubepath.coordinator.tools.comparison.results import MoveDifference, Paths
+from cubepath.coordinator.tools.comparison.results import MoveDifference, PathComparison
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
@@ -94,8 +94,8 @@ def compare_paths(
     end: str | None,
     *,
     identical: bool,
-) -> Paths:
-    """Return how two paths compare as a whole; `end` as `Paths` has it."""
+) -> PathComparison:
+    """Return how two paths compare as a whole; `end` as `PathComparison` has it."""
     # Equal moves in equal rounds from one start need no comparing.
     known = identical and starts[0] == starts[1]
     same = None if known else difference(one, other, starts)
@@ -105,7 +105,7 @@ def compare_paths(
         for each in (same, homotopic)
     )
     cubes = _cubes(one)
-    return Paths(
+    return PathComparison(
         (len(one), len(other)),
         (cubes, cubes if known else _cubes(other)),
         identical,
@@ -168,7 +168,7 @@ class FilesCompared(NamedTuple):
     """What comparing the moves of two files finds."""
 
     move: MoveDifference | None
-    paths: Paths
+    paths: PathComparison
     scene: str | None
     notes: list[str]
 

@@ -45,7 +45,7 @@ DRAWS_MAX = 1024
 
 
 @dataclass(frozen=True)
-class Way:
+class RuleSource:
     """How modules of a run choose: their rule, and what its randomness follows from."""
 
     rule: str | None
@@ -59,7 +59,7 @@ class Way:
     heard: bool = False
     """Whether what the module noted before is still said in that round."""
 
-    def exchanged(self, name: str, other: Way) -> Way:
+    def exchanged(self, name: str, other: RuleSource) -> RuleSource:
         """Return this way with one thing of another: "rule", "seed" or "hesitate".
 
         When the rule began belongs to it: what it remembers and has drawn follows from that.
@@ -75,14 +75,14 @@ class Way:
             )
         return replace(self, **{name: getattr(other, name)})
 
-    def differs(self, other: Way) -> list[str]:
+    def differs(self, other: RuleSource) -> list[str]:
         """Return what can be exchanged."""
         return [
             name for name in ("rule", "seed", "hesitate") if self.exchanged(name, other) != self
         ]
 
 
-def way_of(recording: Recording, module: int, number: int, own: str | None = None) -> Way:
+def way_of(recording: Recording, module: int, number: int, own: str | None = None) -> RuleSource:
     """Return how a module chose in a round, by the parameters and by when rules took over.
 
     `own` is the rule that its process names for it. Without rounds `number` is 1.
@@ -90,13 +90,13 @@ def way_of(recording: Recording, module: int, number: int, own: str | None = Non
     told, stage = recording.parameters, stage_at(recording, number)
     if stage is not None:
         rule = next((name for name in stage.rules if module in stage.modules(name)), None)
-        return Way(rule, stage.seed, stage.hesitate, None, own, stage.begins, stage.heard)
+        return RuleSource(rule, stage.seed, stage.hesitate, None, own, stage.begins, stage.heard)
     over = _over(recording)
     if over is not None and number > over:
         rule = told.get("repair")
-        return Way(rule, seed_in(told), hesitation_in(told), None, own, over + 1)
+        return RuleSource(rule, seed_in(told), hesitation_in(told), None, own, over + 1)
     name = told.get("rule")
-    return Way(
+    return RuleSource(
         None if name == RECORDED else name,  # its stages are malformed
         seed_in(told),
         hesitation_in(told),
@@ -132,7 +132,7 @@ def _over(recording: Recording) -> int | None:
 
 
 @dataclass(frozen=True)
-class Played:
+class ReplayedChoice:
     """What a rule chose, and the numbers that were drawn for it."""
 
     action: tuple[str, Site] | None
@@ -144,14 +144,14 @@ class Played:
     choice: Choice
 
 
-class Player:
+class RuleReplayer:
     """The rule of one module, from its birth on; `why` says why it cannot be asked."""
 
     def __init__(
         self,
         scene: Scene,
         module: int,
-        way: Way,
+        way: RuleSource,
         start: Site,
         *,
         clock: str,
@@ -188,7 +188,7 @@ class Player:
         except CubepathError as error:
             self.why = str(error)
 
-    def _found(self, way: Way, clock: str) -> RuleType | None:
+    def _found(self, way: RuleSource, clock: str) -> RuleType | None:
         missing = [key for key in ("rule", "seed", "hesitate") if getattr(way, key) is None]
         if way.own is not None:
             self.why = f"its process names a rule of its own: {way.own!r}"
@@ -205,7 +205,7 @@ class Player:
                 self.why = str(error)
         return None
 
-    def play(self, site: Site, seen: Arrays) -> Played | None:
+    def play(self, site: Site, seen: Arrays) -> ReplayedChoice | None:
         """Return what the rule chooses; None if it cannot be asked, or has failed before."""
         actor = self._actor
         if actor is None:
@@ -221,7 +221,9 @@ class Player:
         drew = _drawn(before, self._stream)
         drew_doubt = self._doubt is not None and self._doubt.drawn
         doubt = doubted.fraction() if doubted is not None and drew_doubt else None
-        return Played(self._move(site, choice), self._note, choice.failed, drew, doubt, choice)
+        return ReplayedChoice(
+            self._move(site, choice), self._note, choice.failed, drew, doubt, choice
+        )
 
     def _move(self, site: Site, choice: Choice) -> tuple[str, Site] | None:
         if not choice.action:
@@ -264,44 +266,44 @@ def _drawn_by_numpy(
     return tuple(found)
 
 
-class Recorded(NamedTuple):
+class ChoiceOnRecord(NamedTuple):
     """What a module chose, as it is on record; of the note it is not always known."""
 
     action: tuple[str, Site | None] | None
     failed: str | None
     note: tuple[int, ...] | None
 
-    def is_by(self, played: Played) -> bool:
+    def is_by(self, played: ReplayedChoice) -> bool:
         """Return whether a rule that was asked again chose this, as far as it is known."""
         note = self.note is None or self.note == played.note
         return (self.action, self.failed) == (played.action, played.failed) and note
 
 
 @dataclass(frozen=True)
-class Trail:
+class ModuleHistory:
     """A module in one of the runs, up to a round."""
 
     inputs: dict[int, tuple[object, ...]]
     """By round what its rule was given, in a form in which two runs can be compared."""
     moment: Moment
     site: Site
-    recorded: Recorded
+    recorded: ChoiceOnRecord
     sensed: dict[str, str]
     told: dict[str, list[int]]
-    played: list[Played | None]
+    played: list[ReplayedChoice | None]
     """What the rules chose in the last round, in the order of the ways that were asked for."""
     refused: list[str | None]
     """Why a rule could not be asked."""
 
 
-def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Trail:
+def follow(reading: Reading, module: int, last: int, ways: Sequence[RuleSource]) -> ModuleHistory:
     """Follow a module up to a round, and ask its rule in each of some ways from its birth on.
 
     Contradiction as for `moments`.
     """
     scene = reading.recording.scene
     observing, system = Observing(scene), scene.system
-    players: list[Player | None] = []
+    players: list[RuleReplayer | None] = []
     inputs: dict[int, tuple[object, ...]] = {}
     steps = moments(reading)
     since = 0
@@ -315,12 +317,12 @@ def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Tra
         for place, way in enumerate(ways):
             if moment.round == way.begins:
                 said = note_of(moment.said, module) if way.heard else None
-                players[place] = Player(scene, module, way, site, clock="lockstep", said=said)
+                players[place] = RuleReplayer(scene, module, way, site, clock="lockstep", said=said)
         plain = observing.observation(moment, module, 0)
         told = notes_told(system, moment, module)
         inputs[moment.round] = (site, *_bytes(plain), sorted(told.items()))
         seen: dict[int, Arrays] = {0: plain}
-        played: list[Played | None] = []
+        played: list[ReplayedChoice | None] = []
         for player in players:
             if player is None:
                 played.append(None)
@@ -335,12 +337,14 @@ def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Tra
                 _unborn(since, way) if player is None else player.why
                 for player, way in zip(players, ways, strict=True)
             ]
-            recorded = Recorded(*chosen(moment.said, module), _note_after(steps, module, last))
-            return Trail(inputs, moment, site, recorded, sensed, told, played, refused)
+            recorded = ChoiceOnRecord(
+                *chosen(moment.said, module), _note_after(steps, module, last)
+            )
+            return ModuleHistory(inputs, moment, site, recorded, sensed, told, played, refused)
     raise Contradiction(f"round {last} cannot be derived")
 
 
-def _unborn(since: int, way: Way) -> str:
+def _unborn(since: int, way: RuleSource) -> str:
     return f"its rule began in round {way.begins}, and rounds before {since} are not on record"
 
 

@@ -22,7 +22,7 @@ from cubepath.coordinator.verification.transcript import (
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, whole_of
+from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from cubepath.coordinator.tools.comparison.lockstep import Outcomes
+from cubepath.coordinator.tools.comparison.lockstep import ClaimOutcomes
 from cubepath.coordinator.tools.comparison.moves import scenes_text
 from cubepath.coordinator.tools.comparison.playing import (
-    Played,
-    Recorded,
-    Trail,
-    Way,
+    ChoiceOnRecord,
+    ModuleHistory,
+    ReplayedChoice,
+    RuleSource,
     follow,
     seed_at,
     way_of,
@@ -29,9 +29,9 @@ from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading
 from cubepath.coordinator.tools.comparison.results import (
     NAMES,
     Cause,
+    ChoiceContext,
     ChoiceDifference,
     OutcomeDifference,
-    Side,
 )
 from cubepath.coordinator.verification.rounds import rank
 from cubepath.coordinator.verification.transcript import RecordedRound, site_in
@@ -51,8 +51,8 @@ _MARKS = {"empty": ".", "filled": "#", "closed": "#"}
 def picture_of(system: System, module: int, site: Site, sensed: Mapping[str, str]) -> str | None:
     """Return the places that a module at `site` senses, in lines; None if they are no cells.
 
-    `sensed` has what is at each place, as `Side` has it. Modules are their numbers, the one at
-    `site` in brackets. Rows go upwards, on a map downwards.
+    `sensed` has what is at each place, as `ChoiceContext` has it. Modules are their numbers, the
+    one at `site` in brackets. Rows go upwards, on a map downwards.
     """
     place = system.place_of(site)
     own = _cell(place)
@@ -125,7 +125,7 @@ def explain_choice(
         a = follow(readings[0], module, number, [one, *exchanged])
         b = follow(readings[1], module, number, [two, one])
     except Contradiction as error:
-        empty = Side("", {}, {}, "")
+        empty = ChoiceContext("", {}, {}, "")
         line = f"{error}: the record contradicts itself, so nothing is told of why"
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
     scene = scenes_text(*(reading.recording.scene for reading in readings))
@@ -137,14 +137,14 @@ def explain_choice(
     return ChoiceDifference(number, module, sides[0], sides[1], causes, why)
 
 
-def _side(trail: Trail, module: int, system: System) -> Side:
+def _side(trail: ModuleHistory, module: int, system: System) -> ChoiceContext:
     recorded = trail.recorded
     played = trail.played[0] if trail.played else None
     by_rule = None
     if played is not None:
         note = None if recorded.note is None else played.note
-        by_rule = _choice_text(Recorded(played.action, played.failed, note))
-    return Side(
+        by_rule = _choice_text(ChoiceOnRecord(played.action, played.failed, note))
+    return ChoiceContext(
         site_text(trail.site),
         trail.sensed,
         trail.told,
@@ -156,7 +156,7 @@ def _side(trail: Trail, module: int, system: System) -> Side:
     )
 
 
-def _choice_text(chosen: Recorded) -> str:
+def _choice_text(chosen: ChoiceOnRecord) -> str:
     text = "stays" if chosen.action is None else f"claims {action_text(*chosen.action)}"
     if chosen.note is not None:
         text += f", notes {list(chosen.note)}"
@@ -164,8 +164,8 @@ def _choice_text(chosen: Recorded) -> str:
 
 
 def _causes(
-    trails: tuple[Trail, Trail],
-    ways: tuple[Way, Way],
+    trails: tuple[ModuleHistory, ModuleHistory],
+    ways: tuple[RuleSource, RuleSource],
     changed: list[str],
     since: Mapping[int, int],
     scene: str | None,
@@ -212,7 +212,9 @@ def _causes(
     return tuple(causes), tuple(lines)
 
 
-def _hesitations(trails: tuple[Trail, Trail], ways: tuple[Way, Way]) -> Iterator[str]:
+def _hesitations(
+    trails: tuple[ModuleHistory, ModuleHistory], ways: tuple[RuleSource, RuleSource]
+) -> Iterator[str]:
     for name, trail, way in zip(NAMES, trails, ways, strict=True):
         doubt = trail.played[0].doubt if trail.played and trail.played[0] is not None else None
         if doubt is not None and way.hesitate is not None and doubt < way.hesitate:
@@ -226,19 +228,19 @@ def only_cause(everything: list[str]) -> tuple[Cause, ...]:
 
 
 def _exchanged(
-    a: Trail, b: Trail, changed: list[str], other_inputs: int | None
-) -> Iterator[tuple[str, Played | None]]:
+    a: ModuleHistory, b: ModuleHistory, changed: list[str], other_inputs: int | None
+) -> Iterator[tuple[str, ReplayedChoice | None]]:
     """Yield what the module of `a` chooses with one thing of `b`."""
     yield from zip(changed, a.played[1:], strict=True)
     if other_inputs is not None:
         yield "inputs", b.played[1]
 
 
-def _is(found: Played | None, trail: Trail) -> bool:
+def _is(found: ReplayedChoice | None, trail: ModuleHistory) -> bool:
     return found is not None and trail.recorded.is_by(found)
 
 
-def _first_other(trails: tuple[Trail, Trail], begins: int) -> int | None:
+def _first_other(trails: tuple[ModuleHistory, ModuleHistory], begins: int) -> int | None:
     """Return the first round from `begins` on in which the module was given something else."""
     one, two = (trail.inputs for trail in trails)
     rounds = (number for number in one if number >= begins and number in two)
@@ -246,7 +248,10 @@ def _first_other(trails: tuple[Trail, Trail], begins: int) -> int | None:
 
 
 def _surroundings(
-    trails: tuple[Trail, Trail], other: int | None, since: Mapping[int, int], begins: int
+    trails: tuple[ModuleHistory, ModuleHistory],
+    other: int | None,
+    since: Mapping[int, int],
+    begins: int,
 ) -> Iterator[str]:
     a, b = trails
     now = a.moment.round
@@ -280,7 +285,7 @@ def _surroundings(
             yield f"module_{module} stands at {one} in a and at {two} in b {how}"
 
 
-def _other_places(a: Trail, b: Trail, met: set[int]) -> Iterator[str]:
+def _other_places(a: ModuleHistory, b: ModuleHistory, met: set[int]) -> Iterator[str]:
     """Yield what is elsewise at places that it senses, and add the modules that are there."""
     alone = [0, 0]
     for place in sorted({*a.sensed, *b.sensed}):
@@ -303,7 +308,7 @@ def _module_in(text: str) -> int:
     return int(text.removeprefix("module_").split()[0])
 
 
-def _parameter(name: str, ways: tuple[Way, Way]) -> str:
+def _parameter(name: str, ways: tuple[RuleSource, RuleSource]) -> str:
     if name == "rule":
         one, two = map(_rule_text, ways)
         if one == two:
@@ -313,7 +318,7 @@ def _parameter(name: str, ways: tuple[Way, Way]) -> str:
     return f"{name} is {one} in a, and {two} in b"
 
 
-def _rule_text(way: Way) -> str:
+def _rule_text(way: RuleSource) -> str:
     rule = value_text(way.own or way.rule)
     return rule if way.begins == 1 else f"{rule}, which began in round {way.begins} with no memory,"
 
@@ -326,7 +331,7 @@ def value_text(value: object) -> str:
 # Claims that were granted in one run alone.
 
 
-def explain_outcome(found: Outcomes, a: Recording, b: Recording) -> OutcomeDifference:
+def explain_outcome(found: ClaimOutcomes, a: Recording, b: Recording) -> OutcomeDifference:
     """Explain why a claim was granted in one run alone: by the claims of the round and by ranks."""
     rounds, runs = (found.a, found.b), (a, b)
     claims = tuple(_claims(said, run.scene.system) for said, run in zip(rounds, runs, strict=True))
@@ -369,7 +374,7 @@ def _same_claims(claims: tuple[_Claims, ...]) -> bool:
 
 
 def _contest(
-    found: Outcomes, claims: _Claims, said: RecordedRound, seed: int | None
+    found: ClaimOutcomes, claims: _Claims, said: RecordedRound, seed: int | None
 ) -> Iterator[str]:
     """Yield who conflicted with a claim, and who of them went before it."""
     module, number = found.module, found.round

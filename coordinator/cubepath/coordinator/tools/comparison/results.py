@@ -47,7 +47,7 @@ class MessageDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class ChoiceContext:
     """What a module sensed, was told, drew and chose in one of the runs.
 
     `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
@@ -83,8 +83,8 @@ class ChoiceDifference:
 
     round: int
     module: int
-    a: Side
-    b: Side
+    a: ChoiceContext
+    b: ChoiceContext
     causes: tuple[Cause, ...]
     why: tuple[str, ...]
     also: tuple[int, ...] = ()
@@ -117,7 +117,7 @@ class MoveDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Paths:
+class PathComparison:
     """The two edge paths as a whole; None where a path is not known.
 
     `same` is None if they are equal up to swapping moves that commute, and otherwise one line on
@@ -137,7 +137,7 @@ class Paths:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class DifferingRounds:
     """From the end of which round to the end of which the states differ.
 
     `end` is None if they still do at the end of the last round that is compared.
@@ -174,7 +174,7 @@ class Differences:
     move: MoveDifference | None = None
     parted: dict[int, int] | None = None
     """By module the first round in which it chose otherwise."""
-    states: tuple[Apart, ...] = ()
+    states: tuple[DifferingRounds, ...] = ()
     rounds: tuple[tuple[int, int, int, int], ...] = ()
     """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
     beginning: str | None = None
@@ -184,4 +184,4 @@ class Differences:
     one is not on record."""
     ends: tuple[str, str] | None = None
     """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
-    paths: Paths | None = None
+    paths: PathComparison | None = None

@@ -14,12 +14,12 @@ from cubepath.coordinator.tools.comparison.lockstep import field_text, message_t
 from cubepath.coordinator.tools.comparison.results import (
     NAMES,
     NO_ROUNDS,
+    ChoiceContext,
     ChoiceDifference,
     Differences,
     MessageDifference,
     OutcomeDifference,
-    Paths,
-    Side,
+    PathComparison,
 )
 from cubepath.coordinator.verification.parameters import stages_of
 from cubepath.protocol.core.formatting import counted, visible
@@ -203,7 +203,7 @@ def _pictures(choice: ChoiceDifference) -> Iterator[str]:
         yield f"{'':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
-def _sensed(side: Side) -> str:
+def _sensed(side: ChoiceContext) -> str:
     by_what: dict[str, list[str]] = {}
     for place, what in side.sensed.items():
         by_what.setdefault(what if what.startswith("module_") else f"\0{what}", []).append(place)
@@ -214,11 +214,11 @@ def _sensed(side: Side) -> str:
     return ", ".join(told)
 
 
-def _notes(side: Side) -> str:
+def _notes(side: ChoiceContext) -> str:
     return ", ".join(f"{who}: {note}" for who, note in side.told.items())
 
 
-def _drew(side: Side) -> str:
+def _drew(side: ChoiceContext) -> str:
     told = "" if side.drew is None else ", ".join(f"{each:.4f}" for each in side.drew[:4])
     if side.drew is not None and len(side.drew) > 4:
         told += f" and {len(side.drew) - 4} more"
@@ -289,7 +289,7 @@ def _table(rounds: Sequence[tuple[int, int, int, int]], unit: str) -> Iterator[s
         yield from _line("", f"and {counted(len(rounds) - _ROUNDS_MAX, f'more {unit}')}")
 
 
-def _paths(paths: Paths) -> Iterator[str]:
+def _paths(paths: PathComparison) -> Iterator[str]:
     if paths.identical:
         yield from _line("edge paths", f"identical: {counted(paths.moves[0], 'move')}")
     else:
@@ -314,7 +314,7 @@ def _equal(difference: str | None, word: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared(Differences):
+class RunComparison(Differences):
     """Where two runs part, and why.
 
     >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")

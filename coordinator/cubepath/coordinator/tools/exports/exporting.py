@@ -9,13 +9,17 @@ from pathlib import Path
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.tools.exports.rerun_file import write_rerun
 from cubepath.coordinator.tools.exports.rows import WRITERS, RowSelection, check_levels, table_of
-from cubepath.coordinator.tools.exports.times import ExportTimes, LogTime, times_of
-from cubepath.coordinator.tools.exports.viewer_mcap import write_viewer_mcap
+from cubepath.coordinator.tools.exports.viewer_mcap import (
+    ExportTimes,
+    LogTime,
+    times_of,
+    write_viewer_mcap,
+)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, written_whole
-from cubepath.protocol.recordings.cuts import MessageSelection, check_topics
+from cubepath.protocol.recordings.cutting import MessageSelection, check_topics
 from cubepath.protocol.recordings.recording import Recording, read_undamaged
 
 MOVES = "moves"

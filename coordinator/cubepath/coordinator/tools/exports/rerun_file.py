@@ -14,10 +14,10 @@ from cubepath.agents.rendering.pen import INK
 from cubepath.agents.rendering.pictures import colours, solid_of
 from cubepath.agents.rendering.style import Solid
 from cubepath.coordinator.runs.states import RunState, states_of
-from cubepath.coordinator.tools.exports.times import ExportTimes
+from cubepath.coordinator.tools.exports.viewer_mcap import ExportTimes
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.recordings.cuts import MessageSelection
+from cubepath.protocol.recordings.cutting import MessageSelection
 from cubepath.protocol.recordings.recording import Recording
 
 _NS = 1_000_000_000

@@ -23,10 +23,10 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, MessageSelection, left_out
+from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, MessageSelection, left_out
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, rounds_in_turn
-from cubepath.protocol.recordings.records import Record
+from cubepath.protocol.recordings.stored_messages import Record
 
 Rows: TypeAlias = list[tuple[Any, ...]]
 """Rows of numbers and texts, in the order of the columns."""

@@ -18,14 +18,7 @@ from cubepath.coordinator.tools.viewing.run_view import (
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.wire.free_messages import (
-    Attempt,
-    Decision,
-    FreeMessage,
-    Moved,
-    Passed,
-    Tail,
-)
+from cubepath.protocol.wire.free_messages import Attempt, Decision, FreeMessage, Moved, Passed, Tail
 from cubepath.protocol.wire.messages import Claim, Message, Report
 
 HEARD = ("claim", "report", "attempt", "passed", "decision", "moved", "tail")
@@ -39,7 +32,7 @@ Words: TypeAlias = Message | FreeMessage | Attempt | Passed | Decision
 """A message, or a part of one."""
 
 
-class Hearing:
+class ClaimListener:
     """The claims and deliveries of a run, by the steps of a page, which count from 1."""
 
     def __init__(self, world: NumberedWorld, *, free: bool, before: int = 0) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.plugins import plugin
-from cubepath.coordinator.tools.live.claims import Hearing, Words
+from cubepath.coordinator.tools.live.claims import ClaimListener, Words
 from cubepath.coordinator.tools.viewing.run_view import FORMAT, title_of
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld, path_document, waits_of
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
@@ -153,7 +153,7 @@ class Feed:
     ) -> None:
         """Begin at the start of the scene, where so many rounds lay before it already."""
         self._world = GrowingWorld(scene)
-        self._hearing = Hearing(self._world.world, free=step_name == "level", before=before)
+        self._hearing = ClaimListener(self._world.world, free=step_name == "level", before=before)
         space = self._space = plugin("state_space")(scene)
         self._states = [] if space is None else space.along([])
         empty = np.zeros(0, np.int64)
@@ -165,10 +165,7 @@ class Feed:
             "facts": [[list(fact) for fact in facts]],
             "names": [""],
             "worlds": [self._world.begin()],
-            "paths": [
-                path | {"level": empty, "partner": empty} | self._hearing.begin(),
-                normal,
-            ],
+            "paths": [path | {"level": empty, "partner": empty} | self._hearing.begin(), normal],
             "beside": [0, 1],
             "complex": None if space is None else space.document([self._states] * 2),
         }

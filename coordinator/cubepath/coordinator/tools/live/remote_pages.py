@@ -32,7 +32,7 @@ from cubepath.coordinator.runs.asking import (
 from cubepath.coordinator.tools.live.claims import HEARD, Words
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import Server
-from cubepath.coordinator.tools.recorder.guests import guest_at
+from cubepath.coordinator.tools.recorder.recorder import guest_at
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -44,12 +44,7 @@ from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
-from cubepath.protocol.wire.sessions import (
-    open_client,
-    routers_of,
-    subscribe,
-    watch,
-)
+from cubepath.protocol.wire.sessions import open_client, routers_of, subscribe, watch
 
 _encode = msgspec.json.Encoder().encode
 

@@ -121,13 +121,13 @@ _SHARE = 10
 """Without rounds all levels are read anew, which takes a tenth of the time at most."""
 
 
-class Live:
+class LivePage:
     """A page of a run, as a context manager that serves it, and leaves nothing running.
 
     A run with rounds can be paused and stepped from the page: whoever goes on with the run, by
     `step`, `until`, `play` or `run`, then waits before the next round.
 
-    >>> with start("hex:n=4", processes=1, log="logs/live.mcap") as run, Live(run) as page:
+    >>> with start("hex:n=4", processes=1, log="logs/live.mcap") as run, LivePage(run) as page:
     ...     page.address.startswith("http://127.0.0.1:")
     ...     run.play().ended
     True
@@ -135,12 +135,7 @@ class Live:
     """
 
     def __init__(
-        self,
-        run: Run,
-        *,
-        port: int = 0,
-        rate: float | None = None,
-        paused: bool = False,
+        self, run: Run, *, port: int = 0, rate: float | None = None, paused: bool = False
     ) -> None:
         """Prepare the page, and serve nothing yet.
 

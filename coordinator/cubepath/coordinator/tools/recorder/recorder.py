@@ -1,4 +1,6 @@
-"""A recorder: it attaches to a live run, writes what it hears, and leaves.
+"""Where a guest of a run can listen, and by what it shows who it is.
+
+Who records a run and who watches it attach in the same way.
 
 Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: who
 records is a guest, and a router waits for a guest that does not read for a second, and then cuts it
@@ -28,19 +30,39 @@ from cubepath.coordinator.tools.recorder.backlog import (
     RecentMessages,
     RecordedMessage,
 )
-from cubepath.coordinator.tools.recorder.guests import guest_at
 from cubepath.coordinator.tools.recorder.losses import LossCounter
-from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, numbered
-from cubepath.coordinator.tools.recorder.topics import Topics
-from cubepath.coordinator.tools.recorder.turns import Item, LogTimes, MessageOrder
+from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, Topics, numbered
+from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.recordings.description import FREE_FORMAT
-from cubepath.protocol.wire.credentials import Credentials
+from cubepath.protocol.wire.credentials import GUEST, Credentials, is_private
 from cubepath.protocol.wire.keys import everything
-from cubepath.protocol.wire.sessions import open_client, routers_of, watch
-from cubepath.protocol.wire.sockets import is_private
+from cubepath.protocol.wire.router import check_secure
+from cubepath.protocol.wire.sessions import check_endpoint, open_client, routers_of, watch
+
+
+def guest_at(endpoint: str, secure: Path | str | None) -> Credentials:
+    """Return the credentials of a guest at an endpoint; `secure` is a folder of certificates.
+
+    InputError if a run cannot be listened to at such an endpoint, or if it takes certificates and
+    none are given, or the other way round.
+
+    >>> guest_at("tcp/127.0.0.1:7447", None).name
+    'guest'
+    """
+    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
+    folder = None if secure is None else Path(secure)
+    if not is_private(endpoint):
+        try:
+            check_endpoint(endpoint, connect=True)
+        except InputError as error:
+            raise InputError(f"{error}, or the unixsock-stream/PATH that a run has said") from None
+    check_secure(endpoint, folder)
+    return GUEST if folder is None else Credentials(GUEST.name, "", str(folder))
+
 
 MEMORY_BYTES = 100 << 20
 _STEP_S = 0.05
@@ -114,7 +136,7 @@ class Recorder:
             # The router knows who listens before it answers what was asked after that: from the
             # round on that is told now nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
-            self._times = LogTimes(about)
+            self._times = MessageTimes(about)
             free = about.format == FREE_FORMAT
             self._losses = LossCounter(free=free)
             self._turns = MessageOrder(
@@ -189,16 +211,16 @@ class Recorder:
                 continue
             with self._lock:
                 head = self._losses.take(topic, each)
-            item = Item(topic, each, head, wanted)
+            item = OrderedMessage(topic, each, head, wanted)
             self._write_all(self._turns.put(item))
         if each is not None:
             self._heard_s = time.monotonic()
 
-    def _write_all(self, items: Iterable[Item]) -> None:
+    def _write_all(self, items: Iterable[OrderedMessage]) -> None:
         for item in items:
             self._write(item)
 
-    def _write(self, item: Item) -> None:
+    def _write(self, item: OrderedMessage) -> None:
         """Write a message if it is wanted, or keep it for a snapshot."""
         topic, heard, head, wanted = item
         kind = topic.partition("/")[0]

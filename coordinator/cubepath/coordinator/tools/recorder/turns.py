@@ -29,7 +29,7 @@ _REMEMBERED = 1 << 15
 _NUMBERS_MAX = (1 << 53) - 1
 
 
-class LogTimes:
+class MessageTimes:
     """Tells log times; one that cannot be read is that of the message before."""
 
     def __init__(self, about: RunInfo) -> None:
@@ -87,7 +87,7 @@ Stage: TypeAlias = tuple[int, int]
 _JOIN: Stage = (0, 0)
 
 
-class Item(NamedTuple):
+class OrderedMessage(NamedTuple):
     """A message on its way to the recording."""
 
     topic: str
@@ -118,14 +118,14 @@ class MessageOrder:
         self._ready: set[int] = set()
         self._reported: set[int] = set()
         """The processes that have answered, and that have reported, in this phase."""
-        self._orders: deque[tuple[int, Item]] = deque()
+        self._orders: deque[tuple[int, OrderedMessage]] = deque()
         """What the coordinator says, in its order."""
-        self._early: list[tuple[int, Item]] = []
+        self._early: list[tuple[int, OrderedMessage]] = []
         """What processes have answered before it was heard that they were asked."""
         self._count = 0
         self._since: float | None = None
 
-    def put(self, item: Item) -> Iterator[Item]:
+    def put(self, item: OrderedMessage) -> Iterator[OrderedMessage]:
         """Yield what may be written now that this has come."""
         kind, _, sender = item.topic.partition("/")
         self._count += 1
@@ -152,12 +152,12 @@ class MessageOrder:
         elif len(self._early) + len(self._orders) > _HELD_MAX:
             yield from self.rest()
 
-    def due(self) -> Iterator[Item]:
+    def due(self) -> Iterator[OrderedMessage]:
         """Yield what has waited too long, as it came."""
         if self._since is not None and self._clock() - self._since > _HELD_S:
             yield from self.rest()
 
-    def rest(self) -> Iterator[Item]:
+    def rest(self) -> Iterator[OrderedMessage]:
         """Yield all that waits, as it came; then all passes until a phase begins."""
         held = sorted([*self._orders, *self._early], key=lambda each: each[0])
         self._orders.clear()
@@ -170,7 +170,7 @@ class MessageOrder:
             self._note(kind, _stage(kind, item.head), item)
             yield item
 
-    def _go_on(self) -> Iterator[Item]:
+    def _go_on(self) -> Iterator[OrderedMessage]:
         """Yield what the coordinator says, as far as it was answered what that follows from."""
         while self._orders and self._may_come(self._orders[0][1]):
             item = self._orders.popleft()[1]
@@ -187,7 +187,7 @@ class MessageOrder:
                         self._note(kind, stage, each)
                         yield each
 
-    def _may_come(self, item: Item) -> bool:
+    def _may_come(self, item: OrderedMessage) -> bool:
         kind, now = item.topic.partition("/")[0], self._now
         if now is None or len(self._ready) >= self._processes:
             return True
@@ -200,12 +200,12 @@ class MessageOrder:
         settle = item.head is not None and (item.head.round, _RANKS["settle"]) >= now
         return kind != "edges" or not settle or len(self._reported) >= self._processes
 
-    def _begin(self, item: Item) -> None:
+    def _begin(self, item: OrderedMessage) -> None:
         stage = _JOIN if item.topic.startswith("reset/") else _stage("go", item.head)
         if stage is not None and stage != self._now:
             self._now, self._ready, self._reported = stage, set(), set()
 
-    def _note(self, kind: str, stage: Stage | None, item: Item) -> None:
+    def _note(self, kind: str, stage: Stage | None, item: OrderedMessage) -> None:
         if stage == self._now and item.head is not None:
             if kind == "ready":
                 self._ready.add(item.head.process)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.backdrop import Drawn, Still, colour_text, still
+from cubepath.agents.rendering.backdrop import Backdrop, DrawnShapes, colour_text, still
 from cubepath.agents.rendering.pen import palette
 from cubepath.protocol.core.actions import Action, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
@@ -197,7 +197,7 @@ class NumberedWorld:
             return None
         return np.array([self._sites.get(site, -1) for site in in_order(self.scene.goal)])
 
-    def _pivots(self, picture: Still, sites: Sequence[Site]) -> dict[str, NDArray[np.float64]]:
+    def _pivots(self, picture: Backdrop, sites: Sequence[Site]) -> dict[str, NDArray[np.float64]]:
         corners: list[tuple[float, float]] = []
         turns: list[float] = []
         for action, motion in zip(self._actions, self._motions, strict=True):
@@ -211,7 +211,7 @@ class NumberedWorld:
         }
 
 
-def _layer(drawn: Drawn) -> dict[str, Any]:
+def _layer(drawn: DrawnShapes) -> dict[str, Any]:
     return {"ops": drawn.ops, "outlines": drawn.outlines}
 
 

@@ -73,10 +73,7 @@ def _flips() -> Iterable[Generator]:
     for flip, corners in zip(flips(), (((1, 0), (0, 1)), ((0, 0), (1, 1))), strict=True):
         free = tuple(_letters(corner)[0] for corner in corners)
         yield replace(
-            flip,
-            support=flip.support + free,
-            before=flip.before + free,
-            after=flip.after + free,
+            flip, support=flip.support + free, before=flip.before + free, after=flip.after + free
         )
 
 

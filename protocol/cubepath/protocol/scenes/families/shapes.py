@@ -1,6 +1,6 @@
 """From one random shape to another: hexagons that pivot, and squares that slide.
 
-`cubepath.protocol.scenes.random_scenes.shapes` draws the shapes. Whether the goal can be reached is
+`cubepath.protocol.scenes.random_scenes` draws the shapes. Whether the goal can be reached is
 not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave corners
 (of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may never
 meet again.
@@ -18,10 +18,19 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue, walled
 from cubepath.protocol.scenes.families.sliding import sliding_catalogue
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.random_scenes.shapes import FOUR, SIX, grown_shape, uniform_shape
-from cubepath.protocol.scenes.random_scenes.shares import happens, share_of
-from cubepath.protocol.scenes.random_scenes.stream import SEED_MAX, Stream
-from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.scenes.random_scenes import (
+    FOUR,
+    SEED_MAX,
+    SIX,
+    WALK_KEY,
+    Stream,
+    grown_shape,
+    happens,
+    share_of,
+    uniform_shape,
+    walk_length,
+    walked,
+)
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 _UNIFORM_MAX = {SIX: 32, FOUR: 18}
@@ -112,10 +121,7 @@ def _obstacles(
 _KEYS = {
     "n": ("6", "number of modules"),
     "seed": ("1", "of all that is random"),
-    "how": (
-        "uniform",
-        "uniform: each shape equally likely, to n={}; growth: cell by cell",
-    ),
+    "how": ("uniform", "uniform: each shape equally likely, to n={}; growth: cell by cell"),
     "density": ("0", "share of the other cells that are obstacles, to 0.5"),
     "walk": WALK_KEY,
 }

@@ -21,17 +21,15 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.random_scenes.stream import Stream
-from cubepath.protocol.scenes.random_scenes.triangulations import random_triangulation
-from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
-from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import (
-    SWEEPS,
-    Edge,
-    Point,
-    distinct_edges,
-    edge_of,
+from cubepath.protocol.scenes.random_scenes import (
+    WALK_KEY,
+    Stream,
+    random_triangulation,
+    walk_length,
+    walked,
 )
+from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, distinct_edges, edge_of
 
 _RADIUS = 10**6
 """The radius of a polygon: its corners, rounded to integers, stay strictly convex."""

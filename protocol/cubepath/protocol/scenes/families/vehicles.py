@@ -13,9 +13,15 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
-from cubepath.protocol.scenes.random_scenes.graphs import open_part, random_graph
-from cubepath.protocol.scenes.random_scenes.stream import SEED_MAX, Stream
-from cubepath.protocol.scenes.random_scenes.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.scenes.random_scenes import (
+    SEED_MAX,
+    WALK_KEY,
+    Stream,
+    open_part,
+    random_graph,
+    walk_length,
+    walked,
+)
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import (
     Graph,
@@ -97,10 +103,7 @@ def _random(name: str, values: Values) -> Scene:
 
 def _system(graph: Graph, count: int, *, labelled: bool) -> GraphSystem:
     return GraphSystem(
-        graph.vertices,
-        graph.edges,
-        labels=count if labelled else None,
-        compass=graph.compass,
+        graph.vertices, graph.edges, labels=count if labelled else None, compass=graph.compass
     )
 
 
@@ -143,8 +146,5 @@ def _is_file(key: str, value: str) -> bool:
 
 FAMILIES = tuple(
     Family(name, f"{what} vehicles on a graph", _KEYS, _agv, GraphSystem, rule, is_file=_is_file)
-    for name, what, rule in (
-        ("agv", "unlabelled", "tswap"),
-        ("agv-labelled", "labelled", "pibt"),
-    )
+    for name, what, rule in (("agv", "unlabelled", "tswap"), ("agv-labelled", "labelled", "pibt"))
 )

@@ -1,1 +1,0 @@
-"""What random scenes are made of: a stream of our own, shapes, graphs, triangulations, walks."""
