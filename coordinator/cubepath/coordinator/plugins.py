@@ -79,7 +79,7 @@ _FUNCTIONS = {
     "facts_of": "theory.scene_facts",
     "is_of_a_proof": "theory.commands.optimality_proofs",
     "lower_bound": "theory.search.lower_bounds",
-    "state_space": "theory.complexes.state_spaces",
+    "state_space": "theory.complexes.export",
     "verify_following": "theory.commands.following",
     "verify_proof": "theory.commands.optimality_proofs",
     "watched": "tools.commands.live",
