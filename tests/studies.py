@@ -112,9 +112,9 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
             return geometric_mean_interval([row[name] for row in played]) if played else None
 
         if system in chance:
-            arrived = f"{sum(map(len, both))} of {len(several)}"
+            assert len(several) == 60
             price = [mean("price", each) for each in both]
-            prices.append([f"`{system}`", rule, optimum, *price, arrived])
+            prices.append([f"`{system}`", rule, optimum, *price, sum(map(len, both))])
         else:
             lost = [mean(name, each) for each in both for name in ("class", "timing")]
             one = next((row[FACTORS[2]] for each in both for row in each), None)
@@ -123,7 +123,7 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
     return {
         "rules": markdown(["system", "optimum", "rule", *names], factors),
         "chance": markdown(
-            ["system", "rule", "optimum", "price, h 0", "price, h ½", "arrived"], prices
+            ["system", "rule", "optimum", "price, h 0", "price, h ½", "arrived of 60"], prices
         ),
     }
 
