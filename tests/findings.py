@@ -10,7 +10,6 @@ import re
 from collections.abc import Sequence
 from io import BytesIO
 from math import cos, exp, log, pi, sin, sqrt
-from statistics import median
 from typing import Any
 
 import matplotlib as mpl
@@ -20,7 +19,7 @@ from matplotlib.patches import RegularPolygon
 from PIL import Image
 
 from cubepath.coordinator.experiments.tables import without_size
-from studies import DOCS, FOLDER, markdown, write_tables
+from studies import DOCS, FOLDER, best_known, markdown, optimum_shown, write_tables
 
 FILES = {
     "flips": "flip-diameter.json",
@@ -63,19 +62,18 @@ def hexagons_table(rows: Rows) -> str:
         "holes: shapes, components",
         "stuck",
         "up to symmetry",
-        "components, catalogue 2",
     ]
-    second = {row["n"]: row for row in rows if row["catalogue"] == 2}
     lines = []
     for row in rows:
         if row["catalogue"] == 2:
+            assert row["components"] == 1
             continue
         keys = ("shapes", "free_shapes", "components", "free_components")
         share = f"{100 * row['largest'] / row['shapes']:.1f}%"
         holes = "; ".join(f"{k}: {a:,}, {b:,}" for k, (a, b) in row["holes"].items())
         counts = [f"{row[key]:,}" for key in keys]
         stuck = [row["stuck"], row["free_stuck"]]
-        lines.append([row["n"], *counts, share, holes, *stuck, second[row["n"]]["components"]])
+        lines.append([row["n"], *counts, share, holes, *stuck])
     return markdown(columns, lines)
 
 
@@ -94,46 +92,23 @@ def factors(row: dict[str, Any], beat: int) -> tuple[float, float, float]:
 
 
 def gaps_table(rows: Rows) -> str:
-    """Return the table of the three gaps."""
-    columns = [
-        "system",
-        "rule",
-        "rounds, h 0",
-        "rounds, h ½",
-        "cubes, h 0",
-        "cubes, h ½",
-        "fewest",
-        "median",
-        "optimum",
-        "proved by",
-        "timing, h 0",
-        "timing, h ½",
-        "class, h 0",
-        "class, h ½",
-        "rule factor",
-    ]
+    """Return the table of the three gaps, without the systems that the table of prices has."""
+    names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
+    elsewhere = best_known()
     lines = []
     for row in rows:
-        means = [
-            round(_mean([run[part] for run in runs]), 1) for part in (0, 1) for runs in row["runs"]
-        ]
-        beat, none = factors(row, 0), factors(row, 1)
-        proved = row["best"] == row["bound"]
-        best = f"**{row['best']}**" if proved else f"{row['bound']} to {row['best']}"
-        each = [beat[0], none[0], beat[1], none[1], beat[2]]
+        if row["system"] in elsewhere:
+            continue
+        both = [factors(row, beat) for beat in (0, 1)]
+        lost = [each for timing, class_, _ in both for each in (class_, timing)]
         lines.append(
             [
                 f"`{row['system'].replace(',seed=1', '')}`",
-                row["rule"],
-                *means,
-                row["fewest"],
-                f"{median(cubes for runs in row['runs'] for _, cubes in runs):g}",
-                best,
-                row["why"] if proved else None,
-                *(f"{factor:.2f}" for factor in each),
+                optimum_shown(row),
+                *(f"{factor:.2f}" for factor in (both[0][2], *lost)),
             ]
         )
-    return markdown(columns, lines)
+    return markdown(["system", "optimum", "rule", *names], lines)
 
 
 def torsion_table(rows: Rows) -> str:
@@ -148,8 +123,6 @@ def torsion_table(rows: Rows) -> str:
         "torsion of H_2",
         "pairs of junctions",
         "can change places",
-        "tori that bound mod 3",
-        "mod 2",
     ]
     lines = []
     for row in rows:
@@ -165,7 +138,6 @@ def torsion_table(rows: Rows) -> str:
                 " + ".join(f"**Z/{factor}**" for factor in torsion[0]) or "none",
                 row["pairs"],
                 row["swapping"],
-                *(row["bounding"] or (None, None)),
             ]
         )
     return markdown(columns, lines)

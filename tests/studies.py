@@ -9,10 +9,9 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import matplotlib as mpl
@@ -71,14 +70,21 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 # The price of decentralisation.
 
 
-def _best() -> dict[str, Row]:
+def best_known() -> dict[str, Row]:
+    """Return by system the best schedule on file, and its bound."""
     rows = json.loads((FOLDER / "price-best.json").read_text("utf-8"))
     return {row["system"]: row for row in rows}
 
 
+def optimum_shown(row: Mapping[str, Any]) -> str:
+    """Return a proved optimum in bold, or the bound and the best known."""
+    proved = row["best"] == row["bound"]
+    return f"**{row['best']}**" if proved else f"{row['bound']} to {row['best']}"
+
+
 def with_best(rows: Sequence[Row]) -> list[Row]:
     """Return the rows of the study of prices with the best schedules on file, and their bounds."""
-    best = _best()
+    best = best_known()
     return [
         row
         | {
@@ -92,52 +98,34 @@ def with_best(rows: Sequence[Row]) -> list[Row]:
 
 
 def price_tables(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the tables of the page on prices: of the rules, and of chance beside them."""
+    """Return the tables of prices: factors of the rules alone, and prices of random moves too."""
     chance = {row["system"] for row in rows if row["rule"] == "random"}
-    rows = with_best(rows)
-    reached = priced(rows)
-    return {
-        "rules": _price_table(rows, reached, lambda system: system not in chance),
-        "chance": _price_table(rows, reached, lambda system: system in chance),
-        "open": _open_table(),
-    }
-
-
-def _open_table() -> str:
-    columns = ["system", "fewest of all runs", "best", "bound", "bound by"]
-    return markdown(
-        columns,
-        [
-            [f"`{row['system']}`", row["fewest"], row["best"], row["bound"], row["why"]]
-            for row in _best().values()
-            if not row["proved"]
-        ],
-    )
-
-
-def _price_table(rows: Sequence[Row], reached: Sequence[Row], mine: Callable[[str], bool]) -> str:
+    best = best_known()
+    reached = priced(with_best(rows))
     by_setting = groups(reached, ["system", "rule", "hesitate"])
-    found = []
+    factors, prices = [], []
     for (system, rule), several in groups(rows, ["system", "rule"]).items():
-        if not mine(system):
-            continue
-        line: list[object] = [f"`{system}`", rule]
+        optimum = optimum_shown(best[system])
         both = [by_setting.get((system, rule, hesitate), []) for hesitate in (0.0, 0.5)]
-        first = next((each[0] for each in both if each), None)
-        bound = max((row["bound"] for row in several if row["bound"] is not None), default=None)
-        if first is None:
-            line += [bound, None, None, None]
+
+        def mean(name: str, played: Sequence[Row]) -> object:
+            return geometric_mean_interval([row[name] for row in played]) if played else None
+
+        if system in chance:
+            assert len(several) == 60
+            price = [mean("price", each) for each in both]
+            prices.append([f"`{system}`", rule, optimum, *price, sum(map(len, both))])
         else:
-            cubes = [row["cubes"] for each in both for row in each]
-            line += [bound, first["best"], first[FACTORS[2]], median(cubes) / first["best"]]
-        for each in both:
-            for name in ("class", "timing", "price"):
-                line.append(geometric_mean_interval([row[name] for row in each]) if each else None)
-        line.append(f"{sum(map(len, both))} of {len(several)}")
-        found.append(line)
-    parts = ("class", "timing", "price")
-    half = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in parts]
-    return markdown(["system", "rule", "bound", "best", "rule", "median", *half, "arrived"], found)
+            lost = [mean(name, each) for each in both for name in ("class", "timing")]
+            one = next((row[FACTORS[2]] for each in both for row in each), None)
+            factors.append([f"`{system}`", optimum, one, *lost])
+    names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
+    return {
+        "rules": markdown(["system", "optimum", "rule", *names], factors),
+        "chance": markdown(
+            ["system", "rule", "optimum", "price, h 0", "price, h ½", "arrived of 60"], prices
+        ),
+    }
 
 
 def price_picture(rows: Sequence[Row]) -> bytes:
@@ -215,47 +203,39 @@ def free_tables(rows: Sequence[Row]) -> dict[str, str]:
         by_clock = groups(
             [row for row in rows if row["system"] == system and row["faults"] == "none"], ["clock"]
         )
-        line: list[object] = [f"`{system}`"]
-        for measure in ("time", "cubes"):
-            for clock in ("lockstep", "free"):
-                times_or_cubes = [row[measure] for row in by_clock[clock,]]
-                line.append(mean_interval(times_or_cubes))
-        equal.append([*line, geometric_mean_interval(varied[system, "none"])])
-    columns = ["system", "time, lockstep", "time, free", "cubes, lockstep", "cubes, free"]
+        cubes = [
+            mean_interval([row["cubes"] for row in by_clock[clock,]])
+            for clock in ("lockstep", "free")
+        ]
+        equal.append([f"`{system}`", *cubes, geometric_mean_interval(varied[system, "none"])])
     return {
         "slow": slow,
-        "equal": markdown([*columns, "ratio, varied"], equal),
+        "equal": markdown(["system", "cubes, lockstep", "cubes, free", "ratio, varied"], equal),
         "simulated": _simulated_table(every),
     }
 
 
 def _simulated_table(rows: Sequence[Row]) -> str:
-    """Return time without rounds over time with rounds in both cores, at equal speeds and slow.
+    """Return simulated time without rounds over time with rounds, at equal speeds and slow.
 
     Simulated rounds are those of modules that act at once; what the slowest thinks is added to each
     of them. A thinking time is 10 ms there.
     """
     found = []
     simulated = [row for row in rows if row["core"] == "simulated"]
-    compiled = ratios([row for row in rows if row["core"] == "compiled"])
     for (system,), several in groups(simulated, ["system"]).items():
-        line: list[object] = [f"`{system}`"]
         rounds = {row["seed"]: row for row in several if row["clock"] == "lockstep"}
-        for factor, faults in ((1, "none"), (10, "slow=0.25")):
+        line: list[object] = [f"`{system}`"]
+        for factor in (1, 10):
             free = [row for row in several if row["slow"] and row["slow_factor"] == factor]
-            line += [
-                geometric_mean_interval(compiled[system, faults]),
-                geometric_mean_interval(
-                    [
-                        row["time"] / (with_rounds["time"] + with_rounds["rounds"] * factor / 100)
-                        for row in free
-                        for with_rounds in [rounds[row["seed"]]]
-                    ]
-                ),
+            times = [
+                row["time"] / (with_rounds["time"] + with_rounds["rounds"] * factor / 100)
+                for row in free
+                for with_rounds in [rounds[row["seed"]]]
             ]
+            line.append(geometric_mean_interval(times))
         found.append(line)
-    names = [f"{name}, {core}" for name in ("equal", "slow") for core in ("compiled", "simulated")]
-    return markdown(["system", *names], found)
+    return markdown(["system", "equal", "25% by 10"], found)
 
 
 def free_picture(rows: Sequence[Row]) -> bytes:

@@ -7,6 +7,7 @@ import re
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
+from statistics import median
 
 import pytest
 
@@ -67,7 +68,7 @@ def test_the_rows_are_those_of_the_sweeps(study: str) -> None:
 
 
 def test_how_long_paths_are_without_rounds() -> None:
-    """As long at equal speeds; with slow modules longer in 9 of 48 settings, all of vehicles."""
+    """With slow modules longer in 8 of 48 settings, with equal ones in one, all of vehicles."""
     rows = [row for row in committed("free-clock") if row["core"] == "compiled" and row["goal"]]
     longer: dict[tuple[str, str], float] = {}
     settings = groups(rows, ["system", "faults"])
@@ -80,22 +81,35 @@ def test_how_long_paths_are_without_rounds() -> None:
         one, other = (each.low or 0 for each in (free, lockstep))
         if one > (lockstep.high or 0) or other > (free.high or 0):
             longer[system, faults] = free.estimate / lockstep.estimate
-    slow = [faults for _, faults in settings if faults != "none"]
-    assert (len(longer), len(slow)) == (9, 48)
-    assert {system.partition("-")[0].partition(":")[0] for system, _ in longer} == {"agv"}
-    assert all(faults != "none" for _, faults in longer)
-    most = max(longer, key=lambda each: longer[each])
-    assert most == ("agv-labelled:graph=grid8x8,n=16,seed=1", "slow=0.5")
-    assert 1.195 < min(longer.values()) < 1.205
-    assert 1.465 < longer[most] < 1.475
+    many = "agv-labelled:graph=grid8x8,n=16,seed=1"
+    equal = {system: ratio for (system, faults), ratio in longer.items() if faults == "none"}
+    slow = {key: ratio for key, ratio in longer.items() if key[1] != "none"}
+    assert len([faults for _, faults in settings if faults != "none"]) == 48
+    assert list(equal) == [many]
+    assert {system.partition("-")[0].partition(":")[0] for system, _ in slow} == {"agv"}
+    assert max(slow, key=lambda each: slow[each]) == (many, "slow=0.25")
+    least, most = (f"{100 * ratio - 100:.0f}" for ratio in (min(slow.values()), max(slow.values())))
     text = " ".join(PAGE.read_text("utf-8").split())
-    assert "in 9 of the 48 settings" in text
-    assert "takes 20 to 47% more" in text
+    assert f"takes {100 * equal[many] - 100:.0f}% more cubes" in text
+    assert f"in {len(slow)} of the 48 settings" in text
+    assert f"takes {least} to {most}% more, most with a quarter of 16 labelled" in text
 
 
-def test_which_runs_of_pibt_did_not_arrive() -> None:
-    """With 32 vehicles they gave up; on the map their rounds were over."""
-    rows = [row for row in committed("price") if row["rule"] == "pibt" and not row["goal"]]
+def test_how_many_cubes_the_median_run_of_pibt_takes() -> None:
+    """Over the optimum, on the grid with 8, 16 and 32 vehicles."""
+    rows = [row for row in priced(with_best(committed("price"))) if row["rule"] == "pibt"]
+    few, more, most = (
+        f"{median(row['cubes'] / row['best'] for row in rows if row['system'] == system):.3g}"
+        for system in (f"agv-labelled:graph=grid8x8,n={n},seed=1" for n in (8, 16, 32))
+    )
+    said = f"{few} times the optimum with 8 vehicles, {more} with 16, and {most} with 32"
+    assert said in " ".join(PAGE.read_text("utf-8").split())
+
+
+def test_which_runs_of_the_rules_did_not_arrive() -> None:
+    """With 32 labelled vehicles they gave up; on the map their rounds were over."""
+    rows = [row for row in committed("price") if row["rule"] != "random" and not row["goal"]]
+    assert {row["rule"] for row in rows} == {"pibt"}
     gave_up, late = ([row for row in rows if row["modules"] == modules] for modules in (32, 20))
     assert len(rows) == len(gave_up) + len(late)
     assert {row["ended"] for row in gave_up} == {"gave-up"}
@@ -225,21 +239,21 @@ def test_a_best_that_can_be_beaten_fails_the_nightly_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The row on file stands; one without the schedule that was found is beaten, and repaired."""
-    system = "agv:graph=grid4x4,n=6,seed=1"
+    system = "agv:graph=grid8x8,n=4,seed=1"
     monkeypatch.setattr(sys, "argv", ["price_best.py", system, "--check", "--prove", "10"])
     price_best.main()
-    assert capsys.readouterr().out.startswith(f"{system}: fewest 5, best 1, bound 1")
+    assert capsys.readouterr().out.startswith(f"{system}: fewest 6, best 5, bound 5")
     known = next(row for row in price_best.read_rows() if row.system == system)
-    worse = replace(known, best=5, bound=1, proved=False, sha256=None, size=None, moves=None)
+    worse = replace(known, best=6, bound=1, proved=False, sha256=None, size=None, moves=None)
     path = tmp_path / "rows.json"
     path.write_text(json.dumps([asdict(worse)]), "utf-8")
     monkeypatch.setattr(price_best, "FILE", path)
-    with pytest.raises(SystemExit, match=re.escape(f"{system}: 1 cube, the page has 5")):
+    with pytest.raises(SystemExit, match=re.escape(f"{system}: 5 cubes, the page has 6")):
         price_best.main()
     monkeypatch.setattr(sys, "argv", ["price_best.py", system, "--prove", "10", "-o", str(path)])
     price_best.main()
     again = next(row for row in price_best.read_rows(path) if row.system == system)
-    assert (again.best, again.proved, again.sha256 is None) == (1, True, False)
+    assert (again.best, again.proved, again.sha256 is None) == (5, True, False)
 
 
 def test_the_nightly_script_runs_what_there_is() -> None:
