@@ -21,8 +21,14 @@ OPEN = {
     *("messages", "free_messages", "membership", "asking"),
     "GeneratorPlacement of catalogue",
     *("PlayerStatus of orders", "Position of orders", "Refusal of orders"),
-    *("counts", "cgshop2021", "cgshop2026", "_Other of certificates"),
-    *("_FreeHead of losses", "Head of losses", "_Rounded of logged", "_Numbered of timeline"),
+    *("KindCount of description", "_Part of description", "_Batch of description"),
+    *("cgshop2021", "cgshop2026", "_Other of certificates"),
+    *(
+        "_FreeHead of losses",
+        "Head of losses",
+        "_Rounded of stored_messages",
+        "_Numbered of timeline",
+    ),
 }
 """What takes fields that are not known, by module or name.
 
@@ -40,7 +46,7 @@ READ_IN_PART: dict[str, dict[str, str]] = {
     "_FreeHead of losses": dict.fromkeys(
         ("ask", "pass", "tell", "shows", "turns", "rest", "tail"), "birth said"
     ),
-    "_Rounded of logged": dict.fromkeys(KINDS, "round"),
+    "_Rounded of stored_messages": dict.fromkeys(KINDS, "round"),
     "_Numbered of timeline": {**dict.fromkeys(KINDS, "round"), "moved": "level"},
 }
 """Structs that take some fields out of messages: from which kinds, and which fields."""
@@ -94,7 +100,7 @@ def test_the_parts_of_a_batch_are_counted_by_their_kinds() -> None:
     for kind in BATCHES:
         data = msgspec.json.encode(filled(MESSAGES[kind]))
         whole[kind] = {topic.partition("/")[0] for topic, _ in parts_said(kind, data)}
-        batch: Any = msgspec.json.decode(data, type=ALL["_Batch of counts"])
+        batch: Any = msgspec.json.decode(data, type=ALL["_Batch of description"])
         counted[kind] = {part.kind for part in batch.parts}
     assert whole == counted == BATCHES
 

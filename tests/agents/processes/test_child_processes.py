@@ -81,14 +81,7 @@ def test_what_a_rule_forks_ends_when_the_run_is_killed(tmp_path: Path) -> None:
     """Its processes end by themselves then, and take it with them."""
     file = tmp_path / "f.py"
     file.write_text(FORKS)
-    command = [
-        sys.executable,
-        "-m",
-        "cubepath.coordinator",
-        "run",
-        "hex:n=4",
-        f"--rule={file}:RULE",
-    ]
+    command = [sys.executable, "-m", "cubepath.coordinator", "run", "hex:n=4"]
     begun = subprocess.Popen(
         [
             *command,
@@ -103,7 +96,9 @@ def test_what_a_rule_forks_ends_when_the_run_is_killed(tmp_path: Path) -> None:
         process_group=0,
     )
     pids = tmp_path / "pids"
-    soon(lambda: pids.exists() and len(pids.read_text().split()) == 4, "forks")
-    begun.kill()
-    begun.wait()
+    try:
+        soon(lambda: pids.exists() and len(pids.read_text().split()) == 4, "forks")
+    finally:
+        begun.kill()
+        begun.wait()
     soon(lambda: not group(int(pids.read_text().split()[0])), "the end of what was forked")

@@ -202,7 +202,7 @@ def test_a_system_with_modules_that_never_report_is_refused(
     words = ["log", "recover", str(headless(tmp_path)), "-o", str(tmp_path / "out.mcap")]
     assert main([*words, "--system", "hex:n=6"]) == 2
     line = capsys.readouterr().err
-    assert line.endswith("module_5: no report in 10 rounds; the system has 6 modules\n")
+    assert line.endswith("module_5: no report in 9 rounds; the system has 6 modules\n")
     assert not (tmp_path / "out.mcap").exists()
 
 

@@ -82,7 +82,7 @@ def test_a_rule_may_take_over_at_the_end_of_the_schedule_alone() -> None:
     assert told(with_records(whole, [*whole.records, record_of(Go(50, "over"))])) == ""
     assert told(with_records(whole, [*whole.records, record_of(Go(9, "over"))])) == ""
     early = with_records(whole, [*whole.records, record_of(Go(3, "over"))])
-    assert told(early) == "it was over after 3 of 9 cubes, and did not stop"
+    assert told(early) == "it was over after 3 of 8 cubes, and did not stop"
     records = list(whole.records)
     place = next(place for place, each in enumerate(records) if each.kind == "go")
     records[place] = with_fields(records[place], data=b"{}")
@@ -99,8 +99,8 @@ def test_a_run_that_reached_its_goal_was_at_the_end_of_its_schedule() -> None:
     text = carried_out().schedule or b""
     cubes = schedule_from_jsonl(text)
     longer = with_fields(carried_out(), schedule=schedule_to_jsonl([*cubes, cubes[0]]))
-    assert told(with_summary(longer, schedule_cubes=10)) == "the run ended after 9 of 10 cubes"
-    assert told(with_summary(longer, schedule_cubes=10, ended="interrupted")) == ""
+    assert told(with_summary(longer, schedule_cubes=9)) == "the run ended after 8 of 9 cubes"
+    assert told(with_summary(longer, schedule_cubes=9, ended="interrupted")) == ""
 
 
 def test_a_stop_is_for_a_move_that_was_due_and_not_made() -> None:

@@ -6,6 +6,9 @@ draws too: a seed and a purpose have a key, and under it draw number `module` is
 
 Source: G. Steele, D. Lea and C. Flood, Fast splittable pseudorandom number generators (OOPSLA
 2014), the generator SplitMix64, which mixes with D. Stafford's variant 13.
+
+>>> hashed(1234567, 0)
+6457827717110365317
 """
 
 from __future__ import annotations
@@ -43,9 +46,6 @@ def hashed(key: Any, index: Any) -> Any:
     """Return draw number `index` of the stream with this key: 64 bits, or an array of them.
 
     Both are from 0 to 2^64 - 1, in arrays and compiled code of type uint64.
-
-    >>> hashed(1234567, 0)
-    6457827717110365317
     """
     found = (key + index * _STEP + _STEP) & _MASK
     found = ((found ^ (found >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
