@@ -20,7 +20,6 @@ from cubepath.agents.local.observation import (
     observe as observe,
 )
 from cubepath.agents.local.random_streams import (
-    RandomStream as RandomStream,
     draw_below as draw_below,
     draw_fraction as draw_fraction,
 )

@@ -32,11 +32,11 @@ STAR = ShortRun(_from("agv:graph=S3,n=3", 1, 2, 3), "random", seed=7, processes=
 """Three vehicles that all want the vertex between them, so that verdicts wait for verdicts."""
 RUNS = {
     "star": STAR,
-    "row": ShortRun(_from("agv:graph=grid12x1,n=3", (6, 0), (7, 0), (8, 0)), "random", 25, 3),
+    "row": ShortRun(_from("agv:graph=grid12x1,n=3", (6, 0), (7, 0), (8, 0)), "random", 15, 3),
     "notes": ShortRun(scene_from_spec("agv-labelled:graph=grid2x2,n=3"), "pibt", 8, 3),
     "hex": ShortRun(_from("hex:n=3", (2, 3), (3, 3), (4, 3)), "random", 25, 3),
-    "arm": ShortRun(scene_from_spec("arm:n=3"), "random", 25, 3),
-    "sliding": ShortRun(scene_from_spec("sliding:p=2,q=1,n=3"), "random", 10, 3),
+    "arm": ShortRun(scene_from_spec("arm:n=3"), "random", 13, 3),
+    "sliding": ShortRun(scene_from_spec("sliding:p=2,q=1,n=3"), "random", 1, 3),
 }
 """Runs with conflicts; "row" crosses from one region to another, moves of the last two take others
 along."""

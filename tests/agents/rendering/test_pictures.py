@@ -35,7 +35,7 @@ SPECS = [*all_families(), "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
 
 def walk(scene: Scene, rounds: int) -> list[Site]:
     """Return where the modules are after random rounds."""
-    world, random = World(scene, seed=3), np.random.default_rng(3)
+    world, random = World(scene, seed=1), np.random.default_rng(3)
     for _ in range(rounds):
         masks = [world.observe(module)["action_mask"] for module in range(len(world.sites))]
         world.step(

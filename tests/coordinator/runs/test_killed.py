@@ -20,7 +20,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 TOLD = """
 import sys, time
 from pathlib import Path
-from cubepath.coordinator.runs import launch, running
+from cubepath.coordinator.runs import driver, launch
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.writing import RecordingWriter
 
@@ -30,7 +30,7 @@ class Told(RecordingWriter):
         sys.stdout.write(f"message {time.monotonic()}\\n")  # at once, as another thread may flush
         sys.stdout.flush()
 
-running.RecordingWriter = Told
+driver.RecordingWriter = Told
 clock, processes = sys.argv[2:]
 plan = Plan(
     "hex:n=6", "random", max_rounds=10**6, clock=clock, processes=int(processes),

@@ -116,7 +116,7 @@ REFUSED: dict[str, tuple[tuple[object, ...], str]] = {
     "no system": ((DATA / "slides.txt",), "a list of moves, expected --system SYSTEM"),
     "no plan": (
         (AGV / "grid8-12agents.json", "--with", ROOM),
-        "says all itself, expected no --with",
+        "needs no other file, expected no --with",
     ),
     "format": (
         (DATA / "lacam.txt", "--format", "lacam"),

@@ -178,7 +178,7 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
 @pytest.mark.parametrize(
     ("make", "kinds"),
     [
-        (TakesDoubles, {"verify deliveries"}),
+        (TakesDoubles, {"path", "verify deliveries"}),
         (ForgetsCounts, {"raised", "path", "ended", "verify hearing"}),
         (Raises, {"raised"}),
     ],

@@ -65,7 +65,7 @@ def test_the_checker_knows_what_actions_write_and_read_and_nothing_else() -> Non
     assert ours == [
         ("cubepath.protocol.compiled", {"compiled"}),
         ("cubepath.protocol.path_files.certificates", {"Certificate"}),
-        ("cubepath.protocol.path_files.supports", {"FREE", "TRACE", "Rows", "Supports"}),
+        ("cubepath.protocol.path_files.supports", {"FREE", "TRACE", "SupportRows", "Supports"}),
     ]
 
 

@@ -45,9 +45,9 @@ def test_only_what_stands_before_a_hole_is_derived_and_nothing_behind_it_fails(
     unchecked = told(found, ok=True, checked=False)
     assert unchecked["claims"] == unchecked["summary"] == why
     assert [*told(found, ok=True, checked=True)] == ["parameters", "messages"]
-    assert (found.rounds, found.moves, found.missing) == (7, 9, (3, 50))
+    assert (found.rounds, found.moves, found.missing) == (7, 10, (2, 50))
     saved = recover(damaged, tmp_path / "saved.mcap")
-    assert (saved.messages, saved.rounds) == (523, 26)
+    assert (saved.messages, saved.rounds) == (528, 27)
     again = verify(saved.out)
     assert (again.ok, again.complete, again.missing) == (True, False, found.missing)
     assert told(again, ok=True, checked=False) == unchecked
@@ -106,8 +106,8 @@ def test_a_recording_with_a_hole_is_compared_on_both_sides_of_it(tmp_path: Path)
     found = replay(damaged)
     assert found.agrees
     assert not found.same
-    assert found.not_compared == ("rounds 8 to 10", "cubes", "summary")
-    assert (found.rounds_compared, found.differences) == (26, ())
+    assert found.not_compared == ("rounds 8 to 9", "cubes", "summary")
+    assert (found.rounds_compared, found.differences) == (27, ())
     assert found.lacking == "50 messages are missing from message 150 on"
     assert found.result.endswith("; the file is damaged")
     first = replay(with_hole("hex-5", 0, tmp_path))

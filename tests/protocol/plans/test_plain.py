@@ -132,7 +132,7 @@ def test_a_list_needs_its_system(tmp_path: Path) -> None:
         read_plan(PIVOTS)
     with pytest.raises(InputError, match="not a local system"):
         read_plan(PIVOTS, system="hex-connected")
-    with pytest.raises(InputError, match="says all itself, expected no --with"):
+    with pytest.raises(InputError, match="needs no other file, expected no --with"):
         read_plan(PIVOTS, system="hex:n=3", companions=[SLIDES])
 
 

@@ -136,7 +136,7 @@ def draw_below(streams: Streams, environment: int, module: int, bound: int) -> n
 
     >>> streams = streams_of([7], modules=2, purpose=RULE)
     >>> [int(draw_below(streams, 0, 1, 6)) for draw in range(4)]
-    [4, 2, 5, 5]
+    [5, 2, 4, 2]
     """
     found = (_draw(streams, environment, module) >> _word(32)) * _word(bound)
     return _whole(found >> _word(32))

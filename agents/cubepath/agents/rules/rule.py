@@ -69,6 +69,9 @@ class Choice:
     (sensed places), the registers of the places that it `heeds` and `exchanges`, and the module's
     own if it writes that, are still as they were sensed. `exchanges` has new contents for the
     registers of modules at places within reach.
+
+    >>> Choice(3, note=(1, 2)).note
+    (1, 2)
     """
 
     action: int = STAY

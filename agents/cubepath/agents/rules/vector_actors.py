@@ -89,7 +89,7 @@ class VectorActors:
     >>> actions = np.zeros((3, 2), np.int32)
     >>> actors.act(seen["observation"], seen["action_mask"], None, actions)
     >>> actions.tolist(), actors.failed
-    ([[1, 2], [0, 2], [1, 1]], {})
+    ([[0, 0], [1, 0], [0, 0]], {})
     """
 
     def __init__(

@@ -278,10 +278,10 @@ class FastHeap:
         >>> heap, step = FastHeap(), Action([1, 2], [1, 2], [1], [2], label="step")
         >>> heap.append(step)
         >>> heap.changes()
-        Changes(added=(Piece(level=1, action=Action(step)),), removed=())
+        HeapChanges(added=(Piece(level=1, action=Action(step)),), removed=())
         >>> heap.append(step)
         >>> heap.changes()
-        Changes(added=(), removed=(Piece(level=1, action=Action(step)),))
+        HeapChanges(added=(), removed=(Piece(level=1, action=Action(step)),))
         """
         added, removed = self._all().changes()
         return HeapChanges(self._pieces(added), self._pieces(removed))

@@ -56,10 +56,10 @@ class Player:
     ...     status = player.play()
     ...     player.wait().rounds_compared
     2
-    234
+    237
     19
     >>> status.messages
-    573
+    578
     """
 
     def __init__(

@@ -142,7 +142,7 @@ def replay_live(
     >>> found.same, found.rounds
     (True, 20)
     >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
-    round 1, module_2: claims edge at [2,3]; on record claims nothing
+    round 2, module_2: notes of 6 numbers; on record no notes
     it stood at 2; sensed module_1 at 1
 
     Args:

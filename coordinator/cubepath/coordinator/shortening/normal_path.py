@@ -140,7 +140,7 @@ def shorten(
     >>> played = play("agv:graph=grid4x4,n=4", "random", seed=2, max_rounds=50)
     >>> found = shorten(played)
     >>> found.moves, found.reduced_moves, found.cubes, found.bound.cubes
-    (145, 45, 24, 2)
+    (128, 50, 20, 3)
     """
     if path == "":
         raise InputError("path='': expected the path of a file")

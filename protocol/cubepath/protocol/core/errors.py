@@ -35,7 +35,14 @@ class CubepathError(Exception):
 
 
 class InputError(CubepathError):
-    """Input or usage that cannot be accepted (exit code 2)."""
+    """Input or usage that cannot be accepted (exit code 2).
+
+    >>> try:
+    ...     scene_from_spec("hex:n=0")
+    ... except InputError as error:
+    ...     print(error)
+    n=0: expected a whole number of at least 1, at most 100000
+    """
 
 
 class ExcludedError(InputError):

@@ -70,7 +70,12 @@ def to_json(value: object) -> Any:
 
 
 def site_text(site: Site) -> str:
-    """Return the compact JSON text of a site; equal sites have equal texts."""
+    """Return the compact JSON text of a site; equal sites have equal texts.
+
+    >>> place: Site = (1, 2)
+    >>> site_text(place)
+    '[1,2]'
+    """
     return _encode(site).decode()
 
 

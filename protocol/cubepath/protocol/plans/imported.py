@@ -145,7 +145,7 @@ def none_beside(request: PlanRequest) -> None:
     """Raise InputError if there are companion files, which the format does not use."""
     if request.companions:
         raise InputError(
-            f"{request.companions[0]}: {request.path} says all itself, expected no --with"
+            f"{request.companions[0]}: {request.path} needs no other file, expected no --with"
         )
 
 

@@ -409,7 +409,7 @@ def merge_recordings(sources: Sequence[Recording | Source], out: Path | str) -> 
 
     >>> parts = split_recording("logs/golden/hex-5.mcap", "thirds", parts=3)
     >>> merge_recordings(parts[::-1], "whole.mcap")
-    573
+    578
     """
     found = [read_undamaged(source) for source in sources]
     out = Path(out)

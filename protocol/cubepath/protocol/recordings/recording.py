@@ -152,7 +152,7 @@ class Recording:
 
         >>> claims = read_recording("logs/golden/agv-6.mcap").claims()
         >>> len(claims["outcome"]), int((claims["outcome"] == "lost").sum())
-        (39, 1)
+        (40, 4)
 
         - ``round``, int64: the round; of a run without rounds the log time of the attempt;
         - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the
@@ -241,7 +241,7 @@ def read_recording(source: Source) -> Recording:
 
     >>> recording = read_recording("logs/golden/hex-5.mcap")
     >>> recording.parameters["rule"], len(recording.records), recording.problems
-    ('chain', 573, ())
+    ('chain', 578, ())
     """
     found = read(source)
     problems = list(found.problems)

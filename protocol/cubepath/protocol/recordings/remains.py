@@ -72,7 +72,7 @@ def remains_of(source: Source) -> Remains:
 
     >>> found = remains_of("logs/golden/hex-5.mcap")
     >>> len(found.records), found.problems
-    (573, ())
+    (578, ())
     """
     found = read(source)
     problems = list(found.problems)

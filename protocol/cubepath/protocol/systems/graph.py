@@ -60,7 +60,7 @@ class GraphSystem(System):
     >>> [move.target for move in system.moves("yard") if move is not None]
     ['dock', 'gate']
     >>> play(scene, "random", seed=3, max_rounds=20).sites
-    ('yard', 'dock')
+    ('gate', 'dock')
     """
 
     table: ClassVar[str] = "graph"

@@ -217,7 +217,7 @@ def diff(
 
     >>> found = diff("logs/golden/agv-6.mcap", "logs/golden/agv-6.mcap")
     >>> found.same, found.message, found.paths.moves
-    (True, None, (38, 38))
+    (True, None, (36, 36))
 
     Args:
         a: a recording or its file, or any file of moves that `shorten` takes.
