@@ -313,9 +313,7 @@ def plan_(name: str) -> Any:
         written = lines(target)
     return {
         "shortened": shortened(found),
-        "plan": None
-        if read is None
-        else [plain(read.rounds), read.labelled_goals, plain(read.moves)],
+        "plan": [plain(read.rounds), read.labelled_goals, plain(read.moves)],
         "converted": [converted.what, converted.count, written],
     }
 
