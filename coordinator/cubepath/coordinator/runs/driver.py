@@ -217,8 +217,10 @@ class Driver(ABC, Generic[Fleet]):
         """Publish the results, while the router is there."""
         if self._fleet is None:
             return
-        with suppress(CubepathError):  # a full disk: it is told when the results are put on record
+        try:
             self.writer.flush()  # to find the results may take seconds
+        except CubepathError as problem:  # a full disk: whoever listens hears of it, too
+            ending = self.ending = RunEnd("failed", ending.error or str(problem))
         with suppress(CubepathError):
             results = self._find_results(ending)
             for message in results:
