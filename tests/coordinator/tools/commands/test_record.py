@@ -88,7 +88,8 @@ def test_a_snapshot_that_does_not_fit_leaves_no_other_file(
     inside = tmp_path / "in.mcap"
     run = commands.start(*RANDOM, f"--log={inside}")
     endpoint = run.says(r"endpoint (\S+), run")[1]
-    script = "import resource, sys; sys.dont_write_bytecode = True; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000));"
+    script = "import resource, sys; sys.dont_write_bytecode = True;"
+    script += "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000));"
     script += "from cubepath.coordinator.commands.main import main; sys.exit(main(sys.argv[1:]))"
     line = ["log", "record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
     with Command([sys.executable, "-c", script, *line], name="record", cwd=tmp_path) as recorder:
