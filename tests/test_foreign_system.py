@@ -165,9 +165,9 @@ assert parallel_env("ring", render_mode="rgb_array").render().shape[2] == 3
 def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> None:
     """The schedule is certified, its own lower bound is the proof that none is shorter."""
     options = ("--system=ring:n=6", "-o", "cubes.jsonl", "--certificate=cubes.certificate.json")
-    found = commands.json("improve", moves, *options, "--bounds", "--explain")
+    found = commands.json("shorten", moves, *options, "--explain")
     assert (found["moves"], found["reduced_moves"], found["cubes"]) == (7, 3, 1)
-    assert found["optimal"] is True
+    assert commands.json("improve", moves, "--system=ring:n=6", "--bounds")["optimal"] is True
     check = ("verify", "cubes.jsonl", "--of", moves, "--system=ring:n=6")
     assert commands.json(*check)["ok"]
     commands("shorten", moves, "--convert", "-o", "moves.npz", "--system=ring:n=6")
@@ -291,7 +291,7 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
     path = os.pathsep.join((str(tmp_path), installed["PYTHONPATH"]))
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     for spec in ("hex:n=3", "ring:n=3"):
-        assert commands.json("run", spec, "--processes=0", "--max-rounds=2")["rounds"] == 2
+        assert commands.json("run", spec, "--processes=0", "--max-rounds=2")["rounds"] in (1, 2)
     for arguments in (("system", "list"), ("run", "nothing")):
         said = commands(*arguments, code=2)
         assert "entry point broken of cubepath.systems (broken): ModuleNotFoundError" in said
