@@ -291,7 +291,7 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
     path = os.pathsep.join((str(tmp_path), installed["PYTHONPATH"]))
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     for spec in ("hex:n=3", "ring:n=3"):
-        assert commands.json("run", spec, "--processes=0", "--max-rounds=2")["rounds"] in (1, 2)
+        assert commands.json("run", spec, "--processes=0", "--max-rounds=1")["rounds"] == 1
     for arguments in (("system", "list"), ("run", "nothing")):
         said = commands(*arguments, code=2)
         assert "entry point broken of cubepath.systems (broken): ModuleNotFoundError" in said
