@@ -9,7 +9,16 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Repeat, decode_free, free_key
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Attempt,
+    Enter,
+    FreeMessage,
+    Repeat,
+    Rest,
+    decode_free,
+    free_key,
+)
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
@@ -36,9 +45,14 @@ def attempts(said: list[Put]) -> list[Put]:
     return [put for put in said if any(isinstance(part, Attempt) for part in parts(put))]
 
 
+def decoded(put: Put) -> FreeMessage:
+    """Return the message that is put."""
+    return decode_free(put.data)
+
+
 def parts(put: Put) -> list[object]:
     """Return what is asked."""
-    message = decode_free(put.data)
+    message = decoded(put)
     return [*message.parts] if isinstance(message, Asks) else []
 
 
@@ -92,9 +106,12 @@ def test_modules_that_were_halted_go_on_when_nobody_says_so_again() -> None:
     node = host(scene, 1)
     for put in attempting(node, keeper):
         tell(node, tell(keeper, [put]))
-    over = Go(0, "over")
-    node.receive(free_key("run", over), encode(over))
+    over = Go(7, "over")
+    said = puts(node.receive(free_key("run", over), encode(over)))
     assert node.movers[0].halted
+    while not (rests := [each for each in map(decoded, said) if isinstance(each, Rest)]):
+        said = tell(node, tell(keeper, said)) or puts(node.tick())
+    assert [rest.order for rest in rests] == [7]
     ticks = 0
     while node.movers[0].halted:
         node.tick()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from random import Random
 
-from cubepath.coordinator.runs.collector import ASKS_MAX, SequenceTracker
+from cubepath.coordinator.runs.collector import ASKS_MAX, Collector, SequenceTracker
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Asks,
     FreeMessage,
@@ -13,7 +15,9 @@ from cubepath.protocol.wire.free_messages import (
     Tail,
     Turns,
     decode_free,
+    free_key,
 )
+from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.sayings import Sayings
 
 
@@ -52,7 +56,7 @@ def test_the_first_gap_of_each_sender_is_asked_for() -> None:
 
 def test_the_last_messages_are_missed_by_what_tells_their_number() -> None:
     """By `rest` of a process and `tail` of a keeper."""
-    found = heard(*turns(1), Rest(0, 1, 3), Tail(2, 0, [], [], 0, 0, 1, 1))
+    found = heard(*turns(1), Rest(0, birth=1, said=3), Tail(2, 0, [], [], 0, 0, 1, 1))
     assert asks(found) == [Repeat("keeper_2", 1, 0, 1), Repeat("process_0", 1, 1, 3)]
 
 
@@ -81,3 +85,19 @@ def test_whatever_was_lost_comes_in_the_end() -> None:
                 if random.random() < 0.5:
                     found.take(decode_free(put.data))
     assert found.lacking == 0
+
+
+def test_an_answer_to_an_earlier_order_does_not_count() -> None:
+    """It was on its way when the modules were told to go on, and they may have moved since."""
+    gatherer = FreeGatherer(scene_from_spec("agv:graph=grid4x4,n=1"), 1)
+    collector = Collector("run", gatherer, 1, [[0]])
+    rested = []
+    for order in (collector.halt, collector.resume, collector.halt):
+        assert order() == collector.repeat_order()
+        late = Rest(0, 1, birth=1)
+        collector.receive(free_key("run", late), encode(late))
+        rested.append(set(collector.resting))
+    assert rested == [{0}, set(), set()]
+    answer = Rest(0, 3, birth=1)
+    collector.receive(free_key("run", answer), encode(answer))
+    assert collector.resting == {0}

@@ -81,8 +81,8 @@ class FreeHostNode(Node):
         self._swept_s = 0.0
         self._halts_s = float("inf")
         """Until when modules halt, if they do."""
-        self._to_rest = False
-        """Whether it is to say when its modules rest."""
+        self._order: int | None = None
+        """The order to halt that it is to answer when its modules rest."""
         self._asks: list[Ask] = []
         self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
@@ -105,17 +105,21 @@ class FreeHostNode(Node):
                 return list(self._sayings.again(message))
             case Go(phase="stop"):
                 return [Timer(None), End()]
-            case Go(phase="over" | "sense" as phase):
-                self._halt(halted=phase == "over")
+            case Go(phase="over", round=order):
+                self._halt(order)
+            case Go(phase="sense"):
+                self._halt(None)
             case _:
                 self.refused += 1
         return self._go_on()
 
-    def _halt(self, *, halted: bool) -> None:
+    def _halt(self, order: int | None) -> None:
+        """Halt all modules, or let them go on."""
+        halted = order is not None
         for module, mover in self.movers.items():
             mover.halted = halted
             self._due[module] = None
-        self._to_rest = halted
+        self._order = order
         # Who halts everybody and is not heard of again stops nobody for long.
         self._halts_s = self._now_s + HALT_S if halted else float("inf")
 
@@ -124,7 +128,7 @@ class FreeHostNode(Node):
         self._now_s = self._ends_s
         self._ends_s = float("inf")
         if self._now_s >= self._halts_s:
-            self._halt(halted=False)
+            self._halt(None)
         for module, mover in self.movers.items():
             if mover.due_s <= self._now_s:
                 self._due[module] = None
@@ -187,9 +191,9 @@ class FreeHostNode(Node):
         if turns:
             effects.append(sayings.say(Turns(process, turns)))
         effects += (sayings.say(Asks(process, keeper, parts)) for keeper, parts in asks.items())
-        if self._to_rest and all(mover.rests for mover in self.movers.values()):
-            self._to_rest = False
-            effects.append(sayings.tell(Rest(process)))
+        if self._order is not None and all(mover.rests for mover in self.movers.values()):
+            effects.append(sayings.tell(Rest(process, self._order)))
+            self._order = None
         return effects + self._timer()
 
     def _need(self) -> list[Effect]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from cubepath.agents.processes.judge import Refusals, RefusedError
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -137,9 +137,10 @@ class Collector(Node):
         self.tails: dict[int, Tail] = {}
         """The last answer of each keeper, since these were last cleared."""
         self.resting: set[int] = set()
-        """Processes that have said so since this was last cleared."""
+        """Processes that have answered the last order to halt."""
         self.contradiction: CheckError | None = None
         """What was wrong with the first message that contradicts others, or cannot be."""
+        self._order = Go(0, "sense")
         self._run = run
         self._modules_of = [frozenset(modules) for modules in modules_of]
         self._keepers = keepers
@@ -174,8 +175,9 @@ class Collector(Node):
                     self._unanswered[message.keeper] = 0
                 if message.parts and message.parts[-1].serial < message.serial:
                     more = self._fetch(message.keeper, message.parts[-1].serial)
-            case Rest(process=process):
-                self.resting.add(process)
+            case Rest(process=process, order=order):
+                if order == self._order.round:  # an answer to an earlier one may come late
+                    self.resting.add(process)
             case _:
                 pass
         try:
@@ -237,6 +239,23 @@ class Collector(Node):
     def _fetch(self, keeper: int, serial: int) -> list[Effect]:
         self._unanswered[keeper] += 1
         return self.say(Fetch(keeper, serial))
+
+    def halt(self) -> list[Effect]:
+        """Tell all modules to halt, and their processes to say when they rest."""
+        return self._give_order("over")
+
+    def resume(self) -> list[Effect]:
+        """Tell all modules to go on."""
+        return self._give_order("sense")
+
+    def _give_order(self, phase: Literal["over", "sense"]) -> list[Effect]:
+        self.resting.clear()
+        self._order = Go(self._order.round + 1, phase)
+        return self.repeat_order()
+
+    def repeat_order(self) -> list[Effect]:
+        """Give the last order once more."""
+        return self.say(self._order)
 
     def say(self, message: Fetch | Repeat | Go) -> list[Effect]:
         """Return how a message of the coordinator is put."""

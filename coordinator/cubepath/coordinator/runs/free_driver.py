@@ -282,8 +282,7 @@ class FreeDriver(Driver[FreeFleet]):
             return RunEnd("goal")
         if ending.ended != "goal" or self.gathered.reached:
             return ending
-        collector.resting.clear()
-        shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+        shell.carry_out(collector.resume())  # it only came past it
         self._past_goal = True
         return None
 
@@ -297,15 +296,14 @@ class FreeDriver(Driver[FreeFleet]):
         if self._halted is None:
             if waiting > BEHIND_MAX:
                 self._halted = self._said_over = now
-                shell.carry_out(collector.say(Go(collector.level, "over")))
+                shell.carry_out(collector.halt())
         elif waiting < BEHIND_MIN:
             self._held_back += now - self._halted
             self._halted = None
-            collector.resting.clear()
-            shell.carry_out(collector.say(Go(collector.level, "sense")))
+            shell.carry_out(collector.resume())
         elif now - self._said_over > HALT_S / 5:
             self._said_over = now
-            shell.carry_out(collector.say(Go(collector.level, "over")))
+            shell.carry_out(collector.repeat_order())
 
     def _goes_on(self) -> None:
         """Take note of how long nothing was committed after a process had died."""
@@ -343,8 +341,8 @@ class FreeDriver(Driver[FreeFleet]):
         until = time.monotonic() + seconds
         at_most = until if seconds < _SETTLE_S_MAX else until + _SETTLE_S_IN_ALL
         known = self._known()
-        collector.resting.clear()
-        asked = halted = 0.0
+        shell.carry_out(collector.halt())
+        asked, halted = 0.0, time.monotonic()
         settled = rested = False
         while not settled and time.monotonic() < until:
             self._check()
@@ -362,7 +360,7 @@ class FreeDriver(Driver[FreeFleet]):
                     shell.carry_out(collector.fetch())
                 if not all_rest or now - halted > HALT_S / 5:  # told once, they halt for a while
                     halted = now
-                    shell.carry_out(collector.say(Go(collector.level, "over")))
+                    shell.carry_out(collector.repeat_order())
             shell.step(_STEP_S)
             if known != (known := self._known()):  # in a large run there may be much to catch up
                 until = min(time.monotonic() + seconds, at_most)

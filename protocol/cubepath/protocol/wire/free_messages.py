@@ -309,9 +309,10 @@ class Turns(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Rest(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="rest"):
-    """The modules of a process were told to halt, and wait for nothing any more."""
+    """The modules of a process were told to halt by an order, and wait for nothing any more."""
 
     process: Count
+    order: Count = 0
     birth: Count = 0
     said: Count = 0
 
