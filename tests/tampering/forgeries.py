@@ -210,9 +210,9 @@ def refusing(recording: Recording, *, counted: bool) -> Recording:
         "kind": "refused",
         "round": round_number,
         "key": "bundle/process_0",
-        "who": "process_0",
+        "sender": "process_0",
         "reason": "malformed",
-        "why": "not a cubepath message",
+        "detail": "not a cubepath message",
         "count": 1,
         "sample": "x",
     }
