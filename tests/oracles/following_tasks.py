@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from random import Random
 
-from cubepath.coordinator.theory.following.encoding import VehicleTask
+from cubepath.coordinator.theory.following.optimum import VehicleTask
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.protocol.core.sites import Site
 from oracles.vehicle_rounds import Cell, first_wrong

@@ -1,4 +1,4 @@
-from cubepath.agents.environments.making import (
+from cubepath.agents.environments.free_environment import (
     env as env,
     parallel_env as parallel_env,
     raw_env as raw_env,

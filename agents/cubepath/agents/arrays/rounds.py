@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.observing import guards_hold, hear_all, observe_all
-from cubepath.agents.arrays.state import (
+from cubepath.agents.arrays.observing import (
     GRANTED,
     ILLEGAL,
     LOST,
@@ -25,6 +24,9 @@ from cubepath.agents.arrays.state import (
     BatchState,
     ObservationArrays,
     Scratch,
+    guards_hold,
+    hear_all,
+    observe_all,
 )
 from cubepath.agents.arrays.tables import ANY, OWN, Goals, Ints, MoveKinds, Places, Stands
 from cubepath.agents.local.random_streams import hashed_compiled

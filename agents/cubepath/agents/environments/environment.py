@@ -12,8 +12,8 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from cubepath.agents.arrays.batch import is_due
 from cubepath.agents.arrays.tables import UntabledError
-from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
 from cubepath.agents.environments.observations import (
     ObservationEncoder,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from gymnasium import spaces
 
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import parallel_env
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
 from cubepath.agents.local.relative import Showing

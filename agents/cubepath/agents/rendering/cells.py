@@ -14,7 +14,6 @@ from math import ceil, floor, pi, sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Points, Shot, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     PlacePen,
@@ -32,9 +31,19 @@ from cubepath.agents.rendering.places import (
     square_solid,
 )
 from cubepath.agents.rendering.style import (
+    LINE,
+    TILE,
+    WALL,
+    Box,
+    Mark,
     MovingPart,
+    Pen,
     Pivot,
+    Points,
+    Shot,
+    Spot,
     Style,
+    arcs,
     cell_of,
     known_places,
     marks_of,

@@ -10,20 +10,26 @@ from math import sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     GHOST,
     INK,
     PALE_GOAL,
     WALL,
+    Body,
     Box,
     Mark,
+    MovingPart,
     Pen,
     Points,
     Shot,
+    Solid,
     Spot,
+    Style,
     arcs,
+    bar,
+    readable,
+    spot_of,
 )
-from cubepath.agents.rendering.style import Body, MovingPart, Solid, Style, bar, readable, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System

@@ -16,22 +16,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from math import ceil, floor, pi
 
-from cubepath.agents.rendering.pen import (
-    INK,
-    LINE,
-    PALE_GOAL,
-    WALL,
-    Box,
-    Colour,
-    Mark,
-    Pen,
-    Points,
-    Shot,
-    Spot,
-    arcs,
-    moves_marks,
-    palette,
-)
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     PlacePen,
@@ -44,15 +28,29 @@ from cubepath.agents.rendering.places import (
 from cubepath.agents.rendering.style import (
     ARRIVED_MARK,
     GOAL_MARK,
+    INK,
+    LINE,
     MODULE_MARK,
+    PALE_GOAL,
+    WALL,
     Body,
+    Box,
+    Colour,
+    Mark,
     MovingPart,
+    Pen,
+    Points,
+    Shot,
     Solid,
+    Spot,
     Style,
+    arcs,
     bar,
     disc_at,
     known_places,
     marks_of,
+    moves_marks,
+    palette,
     tips_of,
 )
 from cubepath.protocol.core.sites import Site

@@ -11,27 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     GHOST,
     GOAL,
     INK,
     LINE,
+    Body,
     Box,
     Colour,
     Mark,
+    MovingPart,
     Pen,
     Points,
     Shot,
-    Spot,
-    arcs,
-    palette,
-)
-from cubepath.agents.rendering.style import (
-    Body,
-    MovingPart,
     Solid,
+    Spot,
     Style,
+    arcs,
     box_at,
+    palette,
     readable,
     spot_of,
 )

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.theory.following.encoding import (
+from cubepath.coordinator.theory.following.files import fewest_rounds_proof, read_vehicle_plan
+from cubepath.coordinator.theory.following.optimum import (
     AT,
     Schedule,
     VehicleClauses,
     VehicleTask,
     _at_most_one,
     clauses_of,
+    fewest_rounds,
 )
-from cubepath.coordinator.theory.following.files import fewest_rounds_proof, read_vehicle_plan
-from cubepath.coordinator.theory.following.optimum import fewest_rounds
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import check_fewest_rounds
 from faces import ROOT

@@ -14,7 +14,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from cubepath.coordinator.theory.following.encoding import (
+from cubepath.coordinator.theory.following.optimum import (
     VehicleClauses as Encoded,
     VehicleTask,
     cell_of,

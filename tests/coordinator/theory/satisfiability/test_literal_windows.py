@@ -16,8 +16,7 @@ from cubepath.coordinator.theory.satisfiability.literal_windows import (
     LiteralWindows,
     windows_of,
 )
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.theory.satisfiability.window_bounds import window_bound
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, window_bound
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site

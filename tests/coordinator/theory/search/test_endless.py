@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cubepath.coordinator.theory.search.endless import wandering
-from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.exact import optimum, wandering
 from cubepath.coordinator.theory.search.transitions import Transitions
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec

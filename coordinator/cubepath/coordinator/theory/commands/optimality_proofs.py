@@ -13,7 +13,7 @@ from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.path_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.theory.commands.checked_proofs import (
+from cubepath.coordinator.theory.commands.following import (
     CLAUSES,
     LOG,
     CheckedProof,
@@ -85,7 +85,7 @@ def _is_proof(path: Path, source: Source) -> bool:
 
 def verify_proof(options: argparse.Namespace, source: Source) -> int:
     """Check a proof of optimality; the exit code is 1 unless it is proved."""
-    from cubepath.coordinator.theory.commands.following_proofs import claimed_following, given_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.commands.following import claimed_following, given_plan  # noqa: PLC0415
 
     path: Path = options.logs[0]
     check_files(

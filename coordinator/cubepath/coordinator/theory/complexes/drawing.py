@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import DARK, INK, LIGHT, PAPER, WALL, Theme, arcs
+from cubepath.agents.rendering.style import DARK, INK, LIGHT, PAPER, WALL, Theme, arcs
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole

@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO
 
-from cubepath.coordinator.theory.following.encoding import cell_of
-from cubepath.coordinator.theory.following.optimum import Refuted
+from cubepath.coordinator.theory.following.optimum import Refuted, cell_of
 from cubepath.coordinator.theory.following.timetable import FollowingTimetable
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.protocol.core.errors import CheckError, InputError

@@ -14,10 +14,11 @@ from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.coordinator.theory.complexes.links import actions_at, check_links
-from cubepath.coordinator.theory.complexes.macros import lift, macro
 from cubepath.coordinator.theory.complexes.shape_complexes import (
     ShapeComplex,
     lattice_of,
+    lift,
+    macro,
     normal_place,
     order_of,
     shape_complex,

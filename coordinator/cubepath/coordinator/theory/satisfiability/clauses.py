@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.satisfiability.move_arrays import FREE, IN_TRACE
+from cubepath.coordinator.theory.satisfiability.literal_windows import FREE, IN_TRACE
 from cubepath.protocol.compiled import compiled, inner
 
 Numbers = NDArray[np.int32]

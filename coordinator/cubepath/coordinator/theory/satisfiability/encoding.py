@@ -21,10 +21,12 @@ from cubepath.coordinator.theory.satisfiability.clauses import (
     EncodingProblem,
     write,
 )
-from cubepath.coordinator.theory.satisfiability.literal_windows import LiteralWindows, windows_of
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.theory.satisfiability.move_arrays import MoveArrays
-from cubepath.coordinator.theory.satisfiability.one_of_many import SiteGroup, groups_of
+from cubepath.coordinator.theory.satisfiability.literal_windows import (
+    LiteralWindows,
+    MoveArrays,
+    windows_of,
+)
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, SiteGroup, groups_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError
 

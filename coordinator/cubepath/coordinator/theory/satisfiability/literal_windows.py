@@ -16,8 +16,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.satisfiability.move_arrays import FREE, MoveArrays
 from cubepath.protocol.compiled import compiled, inner
+
+IN_TRACE, FREE = 4, 8
+"""Flags of a site in a support; the two lowest bits are its values in the two local states."""
+
+
+class MoveArrays(NamedTuple):
+    """The supports of actions, one after another.
+
+    The sites of action ``a`` are ``sites[starts[a]:starts[a + 1]]``, with their `codes`: bit 0 and
+    bit 1 hold the values in its two local states, `IN_TRACE` and `FREE` say the rest. Its guards
+    ``(p, q)``, if p is on then q is on, are rows of `guards`.
+    """
+
+    starts: Numbers
+    sites: Numbers
+    codes: Numbers
+    guard_starts: Numbers
+    guards: Numbers
+
 
 Numbers = NDArray[np.int32]
 NEVER = 1 << 30

@@ -4,6 +4,10 @@ A move in round t of k has its local state before within t - 1 rounds of the sta
 after within k - t rounds of the goal. So one of the two lies within half of the rounds, and moves
 are looked for only there: the lattice may be infinite. Rounds are counted as if moves never stood
 in each other's way, which leaves out nothing that a path can do.
+
+Of some groups of sites at most one, or exactly one, is on in every state: a vehicle is at one
+vertex. Solvers do not see this from one round; it holds because it holds at the start and no move
+breaks it. Groups are proposed by labels and places, and kept only if that is so.
 """
 
 from __future__ import annotations
@@ -11,13 +15,19 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable
 from copy import copy
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.satisfiability import literal_windows
-from cubepath.coordinator.theory.satisfiability.move_arrays import FREE, IN_TRACE, MoveArrays
+from cubepath.coordinator.theory.satisfiability.literal_windows import (
+    FREE,
+    IN_TRACE,
+    LiteralWindows,
+    MoveArrays,
+    windows_of,
+)
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.sites import Site, in_order, site_text
@@ -160,3 +170,92 @@ class MetMoves:
             found.setdefault(("label", system.label_of(site)), []).append(number)
             found.setdefault(("place", system.place_of(site)), []).append(number)
         return [tuple(group) for group in found.values()]
+
+
+_MOVES_A_STEP = 64
+
+
+def window_bound(
+    met: MetMoves, least: int, most: int, *, raised: Callable[[int], object] | None = None
+) -> int:
+    """Return the least number of rounds from `least` to `most` that the windows do not refute.
+
+    No path between the ends of `met` has fewer cubes, if none has fewer than `least`. `raised` is
+    called with each number that is refuted; what `met` spends may end this.
+
+    Proof. A value is possible at a time only if the start reaches it by then, and the goal is
+    reached from it in the rounds that are left, each as if moves never stood in each other's way.
+    On a path every site has a value at every time, so where neither is possible there is no path.
+    What fits into fewer rounds fits into more, by waiting first or last; so where all moves are
+    known, and looking at many rounds finds no more of them, the least number is found by halving.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
+    >>> window_bound(MetMoves(scene.system, (), scene.start_state, scene.goal), 0, 9)
+    3
+    """
+
+    def refuted(rounds: int) -> bool:
+        met.reach(rounds)
+        met.spend(len(met.actions) // _MOVES_A_STEP)
+        found = windows_of(met.arrays(), met.on(0), met.on(1), rounds, met.spend).refuted()
+        if found and raised is not None:
+            raised(rounds)
+        return found
+
+    stride, open_from = 1, most
+    while least < open_from:
+        rounds = min(least + stride - 1, open_from - 1)
+        if refuted(rounds):
+            least = rounds + 1
+            stride *= 2 if met.complete and open_from == most else 1
+        else:
+            open_from = rounds
+        if met.complete and open_from < most:
+            stride = max(1, (open_from - least + 1) // 2)
+    return least
+
+
+class SiteGroup(NamedTuple):
+    """Sites, by number, of which at most one is on, or with `exactly` one."""
+
+    exactly: bool
+    sites: tuple[int, ...]
+
+
+def groups_of(met: MetMoves, moves: MoveArrays, windows: LiteralWindows) -> tuple[SiteGroup, ...]:
+    """Return the groups that are proposed for the system and hold."""
+    found: list[SiteGroup] = []
+    on, able = met.on(0), windows.first <= windows.last
+    for sites in met.proposed_groups():
+        if len(sites) > 1:
+            exactly = _kept(sites, moves, able)
+            count = int(on[list(sites)].sum())
+            if exactly is not None and count <= 1:
+                found.append(SiteGroup(exactly and count == 1, sites))
+    return tuple(found)
+
+
+def _kept(sites: tuple[int, ...], moves: MoveArrays, able: NDArray[np.bool_]) -> bool | None:
+    """Return whether moves keep the number of sites that are on; None if it could exceed one."""
+    inside = np.zeros(int(moves.sites.max(initial=0)) + 1, dtype=np.bool_)
+    inside[[site for site in sites if site < len(inside)]] = True
+    places = np.flatnonzero(inside[moves.sites])
+    action = np.searchsorted(moves.starts, places, side="right") - 1
+    codes = moves.codes[places]
+    count = len(moves.starts) - 1
+    size = np.bincount(action, minlength=count)
+    free = np.bincount(action, (codes & FREE) != 0, count) > 0
+    keeps = True
+    for way in (0, 1):
+        some = able[way::2] & (size > 0)
+        old = np.bincount(action, (codes >> way) & 1, count)
+        new = np.bincount(action, (codes >> (1 - way)) & 1, count)
+        if (some & (free | (new > 1))).any():
+            return None
+        fewer = new < old
+        # None was on among those that it reads, which must be all of them.
+        first = (new > old) & (old == 0) & (size == len(sites))
+        if (some & ~((new == old) | fewer | first)).any():
+            return None
+        keeps = keeps and not (some & (new != old)).any()
+    return keeps

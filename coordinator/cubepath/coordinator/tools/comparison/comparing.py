@@ -32,21 +32,21 @@ from cubepath.coordinator.tools.comparison.lockstep import (
     SideBySide,
 )
 from cubepath.coordinator.tools.comparison.moves import (
+    Reading,
     compare_files,
     compare_paths,
     scenes_text,
     states_text,
 )
-from cubepath.coordinator.tools.comparison.reading import Reading
 from cubepath.coordinator.tools.comparison.reasons import explain_choice, explain_outcome
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     NO_ROUNDS,
     ChoiceDifference,
     MessageDifference,
     PathComparison,
+    RunComparison,
 )
-from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.errors import InputError

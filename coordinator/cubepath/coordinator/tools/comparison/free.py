@@ -34,7 +34,7 @@ from cubepath.coordinator.tools.comparison.reasons import (
     picture_of,
     value_text,
 )
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     Cause,
     ChoiceContext,
@@ -42,8 +42,8 @@ from cubepath.coordinator.tools.comparison.results import (
     DifferingRounds,
     MoveDifference,
     PathComparison,
+    RunComparison,
 )
-from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action

@@ -12,12 +12,12 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.tools.comparison.moves import Path
-from cubepath.coordinator.tools.comparison.reading import Reading, action_text, start_of
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.moves import Path, Reading, action_text, start_of
+from cubepath.coordinator.tools.comparison.told import (
     DifferingRounds,
     MessageDifference,
     MoveDifference,
+    message_text,
 )
 from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
@@ -379,24 +379,6 @@ def _around(
     for each in keys[max(0, at - context) : at + context + 1]:
         one, two = (message_text(each[0], _told(said.get(each))) for said in lists)
         yield one, two
-
-
-def message_text(kind: str, fields: dict[str, Json] | None) -> str:
-    """Return a message in one line, empty if there is none."""
-    if fields is None:
-        return ""
-    inside = (
-        f"{name}={field_text(value)}"
-        for name, value in fields.items()
-        if name not in ("kind", "round", "module")
-    )
-    who = f" of module_{fields['module']}" if "module" in fields else ""
-    return f"{kind}{who}: {' '.join(inside)}"
-
-
-def field_text(value: Json) -> str:
-    """Return the value of a field as JSON."""
-    return msgspec.json.encode(value).decode()
 
 
 Chosen = tuple[str, Site | None] | None

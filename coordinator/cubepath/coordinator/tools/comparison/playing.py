@@ -25,7 +25,7 @@ from cubepath.agents.rules.registry import is_in_file, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.tools.comparison.lockstep import chosen, note_of
-from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, moments
+from cubepath.coordinator.tools.comparison.moves import Contradiction, Reading, moments
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import (
     RECORDED,

@@ -15,7 +15,12 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cubepath.coordinator.tools.comparison.lockstep import ClaimOutcomes
-from cubepath.coordinator.tools.comparison.moves import scenes_text
+from cubepath.coordinator.tools.comparison.moves import (
+    Contradiction,
+    Reading,
+    action_text,
+    scenes_text,
+)
 from cubepath.coordinator.tools.comparison.playing import (
     ChoiceOnRecord,
     ModuleHistory,
@@ -25,8 +30,7 @@ from cubepath.coordinator.tools.comparison.playing import (
     seed_at,
     way_of,
 )
-from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, action_text
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     Cause,
     ChoiceContext,

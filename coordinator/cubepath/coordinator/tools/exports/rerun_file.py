@@ -10,11 +10,10 @@ from importlib import import_module
 from math import cos, sin
 from typing import IO, Any
 
-from cubepath.agents.rendering.pen import INK
 from cubepath.agents.rendering.pictures import colours, solid_of
-from cubepath.agents.rendering.style import Solid
+from cubepath.agents.rendering.style import INK, Solid
 from cubepath.coordinator.runs.states import RunState, states_of
-from cubepath.coordinator.tools.exports.viewer_mcap import ExportTimes
+from cubepath.coordinator.tools.exports.foxglove import ExportTimes
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.cutting import MessageSelection

@@ -20,8 +20,7 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.tools.live.claims import HEARD
-from cubepath.coordinator.tools.live.feed import Feed
+from cubepath.coordinator.tools.live.feed import HEARD, Feed
 from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action

@@ -24,13 +24,13 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.recorder.backlog import (
+from cubepath.coordinator.tools.recorder.losses import (
     Backlog,
+    LossCounter,
     ReceivedMessage,
     RecentMessages,
     RecordedMessage,
 )
-from cubepath.coordinator.tools.recorder.losses import LossCounter
 from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, Topics, numbered
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
