@@ -39,8 +39,7 @@ class MessageDifference:
     """The first message that differs, in the order of the run: round, phase, kind, module.
 
     `a` and `b` are its fields, None in the run that does not have it; `fields` names those that
-    differ. `around` has the messages before and after it, if they were asked for: for each the
-    line in `a` and the line in `b`, empty where it is missing. Without rounds `round` is a level.
+    differ. Without rounds `round` is a level.
     """
 
     round: int
@@ -49,7 +48,6 @@ class MessageDifference:
     a: dict[str, Json] | None
     b: dict[str, Json] | None
     fields: tuple[str, ...]
-    around: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +59,7 @@ class ChoiceContext:
     their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
     bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
     hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
-    rule chooses. `picture` draws the places that it senses, in lines; None where places are no
-    cells of the plane. `versions`, without rounds, are those of what it was shown, and `level` is
+    rule chooses. `versions`, without rounds, are those of what it was shown, and `level` is
     that of the commit, None if that has no move.
     """
 
@@ -74,7 +71,6 @@ class ChoiceContext:
     drew: tuple[float, ...] | None = None
     doubt: float | None = None
     versions: dict[str, int] | None = None
-    picture: str | None = None
     level: int | None = None
 
 
@@ -200,8 +196,6 @@ _NAME = 15
 _ROUNDS_MAX = 8
 """So many rounds with other moves are shown."""
 _LINE = 100
-_PICTURE = 14
-"""Of pictures with more lines none is shown."""
 _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
 """Parameters that are told by so many characters."""
 
@@ -346,7 +340,6 @@ def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
             yield from _columns(name, one, "the same" if one == two else two)
     for number, line in enumerate(choice.why):
         yield from _line("  why" if not number else "", line)
-    yield from _pictures(choice)
 
 
 def _levels(choice: ChoiceDifference) -> str:
@@ -357,19 +350,6 @@ def _levels(choice: ChoiceDifference) -> str:
         if side.level is not None
     ]
     return f", {', '.join(levels)}" if levels else ", of notes alone"
-
-
-def _pictures(choice: ChoiceDifference) -> Iterator[str]:
-    """Yield what the module senses in both runs, side by side, if that is short enough."""
-    if choice.a.picture is None or choice.b.picture is None:
-        return
-    one, two = (each.picture.splitlines() for each in (choice.a, choice.b) if each.picture)
-    if max(len(one), len(two)) > _PICTURE or max(map(len, (*one, *two))) > _COLUMN:
-        return
-    yield from _line("  around it", "own number in brackets, . empty, # obstacle, blank not sensed")
-    for number in range(max(len(one), len(two))):
-        cells = [each[number] if number < len(each) else "" for each in (one, two)]
-        yield f"{'':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
 def _sensed(side: ChoiceContext) -> str:
@@ -419,11 +399,6 @@ def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
                 for each in (message.a, message.b)
             )
             yield from _columns(f"  {name}", one, two)
-    for one, two in message.around:
-        mark = " " if one == two else "<" if not two else ">" if not one else "|"
-        yield f"    {mark} {one or two}"
-        if mark == "|":
-            yield f"      {two}"
 
 
 def _moves(found: Differences) -> Iterator[str]:
