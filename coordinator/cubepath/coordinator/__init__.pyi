@@ -46,7 +46,7 @@ from cubepath.coordinator.theory.following.timetable import (
 )
 from cubepath.coordinator.theory.optimality.optimality_report import beyond as beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
-from cubepath.coordinator.theory.paper.registry import PaperClaim as PaperClaim
+from cubepath.coordinator.theory.paper.examples import PaperClaim as PaperClaim
 from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds as check_fewest_rounds,

@@ -23,8 +23,14 @@ from numpy.typing import NDArray
 
 from cubepath.agents.arrays import lattice_tables, rounds
 from cubepath.agents.arrays.lattice_tables import LatticeTables
-from cubepath.agents.arrays.observing import SILENT, STAYED, BatchState, ObservationArrays, Scratch
-from cubepath.agents.arrays.rounds import play_round
+from cubepath.agents.arrays.rounds import (
+    SILENT,
+    STAYED,
+    BatchState,
+    ObservationArrays,
+    Scratch,
+    play_round,
+)
 from cubepath.agents.arrays.tables import GrowingArray, Ints, Tables
 from cubepath.agents.local.arbitration import RANK
 from cubepath.agents.local.observation import Note, observation_length

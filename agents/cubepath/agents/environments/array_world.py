@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch, RelativeArrays
-from cubepath.agents.arrays.observing import GRANTED, ILLEGAL, LOST
+from cubepath.agents.arrays.rounds import GRANTED, ILLEGAL, LOST
 from cubepath.agents.arrays.tables import Tables
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import Note, Observation

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from cubepath.agents.environments.array_world import ArrayWorld, Infos
 from cubepath.agents.local.observation import SILENT, Observation, observation_length
 from cubepath.agents.local.relative import checked_showing, relative_layout, relative_observer
-from cubepath.agents.rendering.pictures import draw_pixels
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import draw_pixels, draw_text
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 

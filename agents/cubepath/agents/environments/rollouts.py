@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch, is_due
-from cubepath.agents.arrays.observing import GRANTED, LOST
+from cubepath.agents.arrays.rounds import GRANTED, LOST
 from cubepath.agents.arrays.tables import UntabledError
 from cubepath.agents.environments.array_world import ArrayRound, MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.environment import CubepathEnv

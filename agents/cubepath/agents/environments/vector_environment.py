@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch, RelativeArrays
-from cubepath.agents.arrays.observing import ILLEGAL
+from cubepath.agents.arrays.rounds import ILLEGAL
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.local.observation import SILENT
 from cubepath.agents.local.relative import Showing

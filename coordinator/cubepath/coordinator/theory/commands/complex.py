@@ -16,7 +16,7 @@ from cubepath.protocol.core.formatting import counted
 
 if TYPE_CHECKING:
     from cubepath.coordinator.theory.complexes.report import ComplexReport
-    from cubepath.coordinator.theory.paper.registry import ClaimResult
+    from cubepath.coordinator.theory.paper.examples import ClaimResult
     from cubepath.protocol.core.system import Scene
 
 
@@ -48,9 +48,8 @@ def add_complex(complex_: argparse.ArgumentParser) -> None:
 
 
 def _complex(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.theory.complexes.drawing import SUFFIXES, draw_complex  # noqa: PLC0415
     from cubepath.coordinator.theory.complexes.exploration import MAX_STATES  # noqa: PLC0415
-    from cubepath.coordinator.theory.complexes.export import write_complex  # noqa: PLC0415
+    from cubepath.coordinator.theory.complexes.export import SUFFIXES, draw_complex, write_complex  # noqa: PLC0415
     from cubepath.coordinator.theory.complexes.report import complex_report  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 

@@ -13,7 +13,7 @@ from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
-from cubepath.coordinator.theory.satisfiability.clauses import OFF, ON
+from cubepath.coordinator.theory.satisfiability.encoding import OFF, ON
 from cubepath.coordinator.theory.satisfiability.proving import Refutation
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement

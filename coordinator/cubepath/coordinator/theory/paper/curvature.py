@@ -14,8 +14,7 @@ from cubepath.coordinator.theory.complexes.collapses import collapse
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.links import check_links, unfilled
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
-from cubepath.coordinator.theory.paper.examples import small_systems
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
+from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim, small_systems
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Cell = tuple[int, int]

@@ -26,7 +26,7 @@ from cubepath.coordinator.theory.paper.algorithms import (
     weight,
 )
 from cubepath.coordinator.theory.paper.curvature import closure, diagonals, normal_cube_paths
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
+from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.scenes.specs import scene_from_spec
 

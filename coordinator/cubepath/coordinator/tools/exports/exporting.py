@@ -19,13 +19,13 @@ from typing import IO, Any, TypeAlias
 import msgspec
 
 from cubepath.coordinator.shortening.conversion import convert
-from cubepath.coordinator.tools.exports.foxglove import (
+from cubepath.coordinator.tools.exports.viewers import (
     ExportTimes,
     LogTime,
     times_of,
+    write_rerun,
     write_viewer_mcap,
 )
-from cubepath.coordinator.tools.exports.rerun_file import write_rerun
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
