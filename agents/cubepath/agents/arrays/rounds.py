@@ -1,12 +1,7 @@
 """A round of all environments of a batch, in compiled code: claims, moves, observations.
 
 The same as a round of the plain world, which is the reference: tests hold the two together step by
-step.
-
-Which claims of a round are granted, in compiled code.
-
-The same as `contest` and `verdict` in `local`, for all claims of an environment at once: two that
-conflict are compared by rank, and what does not conflict is granted.
+step. Two claims that conflict are compared by rank, and what does not conflict is granted.
 """
 
 from __future__ import annotations

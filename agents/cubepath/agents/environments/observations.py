@@ -1,15 +1,6 @@
 """What an environment gives to its users: observations, infos, arrays, pictures and shares.
 
-The dicts of an environment in the form that PettingZoo asks for: kept ones, and infos.
-
-What the environments show of what a module sees: absolute or relative observations.
-
-It is one step behind the worlds, which know absolute observations alone; so all of them show the
-same.
-
-What an environment tells of where its modules are: their share at the goal, arrays, pictures.
-
-The same for both clocks.
+Worlds know absolute observations alone; here they become relative where that is asked for.
 """
 
 from __future__ import annotations

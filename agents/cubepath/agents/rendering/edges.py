@@ -1,12 +1,7 @@
 """Arms on lattice edges, with the vertices where they join, as text and on axes.
 
-It only draws what it is given.
-
-Arms whose ends join at marked vertices: segments and marks told apart.
-
-Pure functions. A picture of lattice edges may also hold vertices, each with a letter
-(`cubepath.protocol.scenes.families.arms`): segments are drawn as usual, a marked vertex as a mark,
-and a free vertex not at all.
+A picture of lattice edges may also hold vertices, each with a letter
+(`cubepath.protocol.scenes.families.arms`): a marked vertex is drawn as a mark, a free one not.
 """
 
 from __future__ import annotations

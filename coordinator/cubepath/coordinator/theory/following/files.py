@@ -1,10 +1,6 @@
-"""Timetables as files: what `cubepath improve --following RULE -o FILE` writes.
+"""Plans of vehicles read, and timetables and proofs about them as files.
 
-They are checked by code that shares nothing with what computed them before anybody is told.
-
-Reading plans of vehicles with the planner's rounds.
-
-The proof that no timetable in which vehicles follow is shorter, as a file.
+Code that shares nothing with what computed a timetable checks it before it is printed.
 """
 
 from __future__ import annotations

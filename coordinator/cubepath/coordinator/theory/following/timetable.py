@@ -6,32 +6,21 @@ visits every vertex in the order of the plan. The timetable is the least solutio
 inequalities, where move m begins at s(m) and takes d(m):
 
 - a vehicle's next move begins when its last has ended: s(n) >= s(m) + d(m);
-- who enters a vertex waits for the vehicle that left it last, as `rules.wait` says;
+- a vehicle that enters a vertex waits for the one that left it last, as `wait` says;
 - the moves of a rotation begin together.
 
 The planner's own rounds satisfy them if the planner kept to the rule, so no move is later than in
 the plan. In the order of the plan every move comes after those it waits for, rotations apart, so
 one pass finds the least solution, and for each move an inequality that holds with equality. A chain
 of those from the last move back to the start is as long as the timetable: none is shorter with
-these moves in this order.
-
-These moves do not commute. So there are no cubes here, no homotopy classes, and the timetable is
-the least for this order of visits alone.
-
-It knows neither the heap nor the normal form.
-
-The rules by which a vehicle may follow another into a vertex, and the inequalities they mean.
+these moves in this order. These moves do not commute, so there are no cubes and no classes here.
 
 Under the rule of multi-agent path finding (`mapf`) a vehicle may enter a vertex while another
 leaves it: it begins to enter no earlier than the other begins to leave, and arrives no earlier than
 the other has left. Under that of CG:SHOP 2021 (`cgshop`) it may do so only in the direction in
 which the other leaves; otherwise it begins when the other has left. Where all moves take one round,
-"no earlier" is: in the same round, or later. Nobody swaps places along an edge.
-
-For unit squares that move at a constant pace the rule of CG:SHOP is what their bodies allow: two of
-them on a line do not overlap if and only if the one behind neither begins nor arrives earlier.
-
-The chain of moves that proves a timetable the least, in words.
+"no earlier" is: in the same round, or later. Nobody swaps places along an edge. For unit squares
+that move at a constant pace the rule of CG:SHOP is what their bodies allow.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
-"""One module's rule asked again, with every number that it drew.
+"""One module's rule asked again in each round of a record, with every number that it drew.
 
-As `auditing` does for all modules: an actor with the random streams of the seed is given what the
-module observed, round by round. Here one module is played, with the rule, the seed and the
-hesitation of either run, so that it can be told what made it choose otherwise.
-
-What one module sensed, was told and did in each round, derived from the record of a run.
-
-The rules that are asked again on the way are given the observations that `verification` derives, as
-in an audit.
+As `auditing` does for all modules: an actor with the random streams of the seed is given what
+`verification` derives that the module observed. Here one module is played, with the rule, the seed
+and the hesitation of either run, to find what made it choose otherwise.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """What a page is fed while a run goes on: events, in the order in which they are to be taken.
 
-Whoever has steps hands them over and goes on; a thread of the feed makes events of them, once for
-all who watch, and takes a small share of the time for that. `docs/viewing.md` has the events'
-fields.
-
-A world whose sites and moves become more while a run goes on, and what is new of it.
+The run hands over its steps and continues; a thread of the feed makes events of them, once for all
+who watch, and takes a small share of the time for that. A message may come after the step that it
+belongs to; then that step is told again. What strangers send to an open router, and what cannot be,
+is ignored. `docs/viewing.md` has the events' fields.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
-"""A run of one's own as a page that is fed while it goes on.
+"""A run of one's own as a page that is fed while it goes on: paused, by steps, or at a rate.
 
-It listens to the run and paces it; it takes no part in it.
-
-The pace of a run that is watched: paused, step by step, or so many rounds a second.
-
-Orders come in other threads than that of the run, which asks between two rounds how long it is to
-wait yet.
+It listens to the run and paces it; it takes no part in it. Orders come in other threads than that
+of the run, which asks between two rounds how long it is to wait yet.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Where a guest of a run can listen, and by what it shows who it is.
+"""A run recorded from outside, by a guest at the place where the run can be listened to.
 
-Who records a run and who watches it attach in the same way.
-
-Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: who
-records is a guest, and a router waits for a guest that does not read for a second, and then cuts it
-off. It comes back by itself, and what it missed is counted.
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: a
+router waits for a guest that does not read for a second, and then cuts it off. It comes back by
+itself, and what it missed is counted.
 """
 
 from __future__ import annotations

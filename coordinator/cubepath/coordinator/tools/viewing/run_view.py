@@ -1,15 +1,10 @@
 """A run, or another path, as the data of a page: as it was executed, and its normal cube path.
 
-`docs/viewing.md` has the document's fields.
-
-Claims and messages of a recorded run, as data of a page.
-
-It reads recordings.
-
-Each move falls onto the moves before it until one that it does not commute with; nothing is
-cancelled. Its *depth* is one more than the greatest depth of those, and it *waits for* the last of
-them with that depth. From the last move of the greatest depth these lead down to depth 1: the
-longest chain of moves that had to follow each other. Source: heaps of pieces (Viennot).
+`docs/viewing.md` has the document's fields. Each move falls onto the moves before it until one that
+it does not commute with; nothing is cancelled. Its *depth* is one more than the greatest depth of
+those, and it *waits for* the last of them with that depth. From the last move of the greatest depth
+these lead down to depth 1: the longest chain of moves that had to follow each other. Source: heaps
+of pieces (Viennot).
 """
 
 from __future__ import annotations
