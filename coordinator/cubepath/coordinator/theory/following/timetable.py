@@ -70,16 +70,8 @@ Cell = tuple[int, int]
 Pairs = tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class TimetableStep:
-    """Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
-
-    places: tuple[int, ...]
-
-    @property
-    def is_rotation(self) -> bool:
-        """Whether vehicles rotate."""
-        return len(self.places) > 1
+TimetableStep: TypeAlias = tuple[int, ...]
+"""Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +102,12 @@ class FollowingTimetable:
     @property
     def rotates(self) -> bool:
         """Whether vehicles rotate in the plan, which then has no order of moves one by one."""
-        return any(step.is_rotation for step in steps_of(self.plan))
+        return any(len(step) > 1 for step in steps_of(self.plan))
 
     @property
     def rotations(self) -> int:
         """How many rotations are left."""
-        return sum(step.is_rotation for step in self.steps)
+        return sum(len(step) > 1 for step in self.steps)
 
     @cached_property
     def chain(self) -> tuple[int, ...]:
@@ -158,7 +150,7 @@ def following_timetable(
     moves = plan.moves
     steps = steps_of(plan)
     for step in steps:
-        if step.is_rotation and rule == "cgshop":
+        if len(step) > 1 and rule == "cgshop":
             raise InputError(
                 f"{_rotation(plan, step)}: under the rule of CG:SHOP 2021 nobody turns into a"
                 " vertex that is being left; expected --following mapf"
@@ -168,7 +160,7 @@ def following_timetable(
     unit = lcm(*(each.denominator for each in taken))
     times = [each.numerator * (unit // each.denominator) for each in taken]
     for step in left:
-        if len({times[place] for place in step.places}) > 1:
+        if len({times[place] for place in step}) > 1:
             raise InputError(
                 f"{_rotation(plan, step)}: their moves take unequal times; expected one for all,"
                 " as they begin and end together"
@@ -198,7 +190,7 @@ def steps_of(plan: VehiclePlan) -> list[TimetableStep]:
             end += 1
         train = tuple(range(place, end))
         rotates = _closes(moves, place, end)
-        found += [TimetableStep(train)] if rotates else [TimetableStep((each,)) for each in train]
+        found += [train] if rotates else [(each,) for each in train]
         place = end
     return found
 
@@ -224,9 +216,9 @@ def _reduced(
     # For each vertex the steps that visit it and are left so far, the last of them on top.
     visits: dict[Cell, list[int]] = {}
     for number, step in enumerate(steps):
-        ends = [visits.setdefault(moves[place].source, []) for place in step.places]
-        if not step.is_rotation:
-            ends.append(visits.setdefault(moves[step.places[0]].target, []))
+        ends = [visits.setdefault(moves[place].source, []) for place in step]
+        if len(step) == 1:
+            ends.append(visits.setdefault(moves[step[0]].target, []))
         before = {end[-1] if end else -1 for end in ends}
         last = before.pop()
         undone = None if before or last < 0 else _undone(moves, steps[last], step)
@@ -246,9 +238,9 @@ def _undone(
     moves: Sequence[VehicleMove], earlier: TimetableStep, later: TimetableStep
 ) -> list[tuple[int, int]] | None:
     """Return the pairs of moves by which a step takes back an earlier one, None if it does not."""
-    by_vehicle = {moves[place].vehicle: place for place in earlier.places}
+    by_vehicle = {moves[place].vehicle: place for place in earlier}
     found: list[tuple[int, int]] = []
-    for place in later.places:
+    for place in later:
         back = moves[place]
         there = by_vehicle.get(back.vehicle)
         if there is None or (moves[there].source, moves[there].target) != (
@@ -257,7 +249,7 @@ def _undone(
         ):
             return None
         found.append((there, place))
-    return found if len(found) == len(earlier.places) else None
+    return found if len(found) == len(earlier) else None
 
 
 def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Fraction]:
@@ -283,37 +275,36 @@ def _least(
     own: dict[int, int] = {}  # the last move of each vehicle
     left: dict[Cell, int] = {}  # the last move that left a vertex
     for step in steps:
-        begin, binds, bound = 0, None, step.places[0]
-        for place in step.places:
+        begin, binds, bound = 0, None, step[0]
+        for place in step:
             move = moves[place]
             waits = [(own[move.vehicle], times[own[move.vehicle]])] if move.vehicle in own else []
-            before = None if step.is_rotation else left.get(move.target)
+            before = None if len(step) > 1 else left.get(move.target)
             if before is not None:
                 both = times[before], times[place]
                 waits.append((before, wait(rule, moves[before], move, both)))
             for earlier, delay in waits:
                 if starts[earlier] + delay > begin:
                     begin, binds, bound = starts[earlier] + delay, earlier, place
-        for place in step.places:
+        for place in step:
             starts[place] = begin
             binding[place] = binds if place == bound else None
             own[moves[place].vehicle] = place
             left[moves[place].source] = place
-        if step.is_rotation and begin:
+        if len(step) > 1 and begin:
             _bind_rotation(step, bound, binding)
     return starts, binding
 
 
 def _bind_rotation(step: TimetableStep, bound: int, binding: dict[int, int | None]) -> None:
     """Let every move of a rotation but one follow the move whose vertex it enters."""
-    places = step.places
-    ahead = zip(places, (places[-1], *places), strict=False)
+    ahead = zip(step, (step[-1], *step), strict=False)
     binding.update((place, before) for place, before in ahead if place != bound)
 
 
 def _rotation(plan: VehiclePlan, step: TimetableStep) -> str:
     """Return the beginning of an error on a rotation: the file, the round, who and where."""
-    moves = [plan.moves[place] for place in step.places]
+    moves = [plan.moves[place] for place in step]
     who = [str(move.vehicle) for move in moves]
     return (
         f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(who[:-1])} and {who[-1]}"

@@ -150,8 +150,13 @@ class DifferingRounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Differences:
-    """Where two runs part, and why."""
+class RunComparison:
+    """Where two runs part, and why.
+
+    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
+    >>> found.same, found.choice, found.paths.cubes
+    (True, None, (19, 19))
+    """
 
     a: str
     b: str
@@ -188,6 +193,19 @@ class Differences:
     """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
     paths: PathComparison | None = None
 
+    @property
+    def answer(self) -> str:
+        """Where they part, in one line."""
+        return answer(self)
+
+    def __str__(self) -> str:
+        """Return what is found, for people."""
+        return told(self)
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath diff --json``."""
+        return asdict(self)
+
 
 _COLUMN = 38
 """The width of each of the two columns."""
@@ -200,7 +218,7 @@ _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 
 """Parameters that are told by so many characters."""
 
 
-def told(found: Differences) -> str:
+def told(found: RunComparison) -> str:
     """Return what differs, for people."""
     lines = [*_line("a", found.a), *_line("b", found.b)]
     for name, values in found.parameters.items():
@@ -246,11 +264,11 @@ def _value(name: str, value: str | None) -> str | None:
     return "; ".join(told) or value
 
 
-def _unit(found: Differences) -> str:
+def _unit(found: RunComparison) -> str:
     return {"lockstep": "round", "free": "level"}.get(found.clock, "move")
 
 
-def answer(found: Differences) -> str:
+def answer(found: RunComparison) -> str:
     """Return where two runs part, in one line."""
     if found.identical and not found.limited:
         return "the same bytes"
@@ -264,7 +282,7 @@ def answer(found: Differences) -> str:
     return _no_choice(found)
 
 
-def _no_choice(found: Differences) -> str:
+def _no_choice(found: RunComparison) -> str:
     """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
     if found.clock == "moves" and found.paths is not None:
         text = "no difference in what was done" if found.same else "they differ"
@@ -285,11 +303,11 @@ def _no_choice(found: Differences) -> str:
     return text
 
 
-def _both(found: Differences) -> str:
+def _both(found: RunComparison) -> str:
     return "the commits that both have" if found.clock == "free" else found.compared
 
 
-def _beginning(found: Differences, name: str) -> str:
+def _beginning(found: RunComparison, name: str) -> str:
     other = NAMES[name == "a"]
     if found.compared == NO_ROUNDS:
         return f"{name} ends before the first round, and {other} goes on"
@@ -315,7 +333,7 @@ def _columns(name: str, a: str, b: str) -> Iterator[str]:
         yield f"{name if not number else '':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
-def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
+def _choice(choice: ChoiceDifference, found: RunComparison) -> Iterator[str]:
     where = f"{_unit(found)} {choice.round}, {_who(choice)}"
     if choice.number is not None:
         where = f"{_who(choice)}, its commit {choice.number}{_levels(choice)}"
@@ -386,7 +404,7 @@ def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
         yield from _line("  why" if not number else "", line)
 
 
-def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
+def _message(message: MessageDifference, found: RunComparison) -> Iterator[str]:
     who = "" if message.module is None else f" of module_{message.module}"
     yield from _line("first message", f"{_unit(found)} {message.round}, {message.kind}{who}")
     if message.a is None or message.b is None:
@@ -401,7 +419,7 @@ def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
             yield from _columns(f"  {name}", one, two)
 
 
-def _moves(found: Differences) -> Iterator[str]:
+def _moves(found: RunComparison) -> Iterator[str]:
     move, unit = found.move, _unit(found)
     if move is not None:
         who = "" if move.module is None else f", module_{move.module}"
@@ -455,29 +473,6 @@ def _paths(paths: PathComparison) -> Iterator[str]:
 
 def _equal(difference: str | None, word: str) -> str:
     return word if difference is None else f"not {word}: {difference}"
-
-
-@dataclass(frozen=True, slots=True)
-class RunComparison(Differences):
-    """Where two runs part, and why.
-
-    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
-    >>> found.same, found.choice, found.paths.cubes
-    (True, None, (19, 19))
-    """
-
-    @property
-    def answer(self) -> str:
-        """Where they part, in one line."""
-        return answer(self)
-
-    def __str__(self) -> str:
-        """Return what is found, for people."""
-        return told(self)
-
-    def document(self) -> dict[str, Any]:
-        """Return the keys of ``cubepath diff --json``."""
-        return asdict(self)
 
 
 def message_text(kind: str, fields: dict[str, Json] | None) -> str:
