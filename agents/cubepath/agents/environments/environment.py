@@ -349,22 +349,14 @@ class WireEnv(CubepathEnv):
         processes: int = 2,
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, still over a session."""
-        super().__init__(
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-        )
-        EzPickle.__init__(
-            self,
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-            processes=processes,
-        )
+        given: dict[str, Any] = {
+            "max_cycles": max_cycles,
+            "render_mode": render_mode,
+            "note_length": note_length,
+            "observation": observation,
+        }
+        super().__init__(system, **given)
+        EzPickle.__init__(self, system, **given, processes=processes)
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
         self.processes = processes

@@ -436,26 +436,24 @@ def parallel_env(
     another by messages; observations, masks and results are the same. `copy` and `world` are those
     of `CubepathEnv`, and for worlds in this process.
     """
+    given = _common(max_cycles, render_mode, note_length, observation)
     if transport == "local":
-        return CubepathEnv(
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            copy=copy,
-            world=world,
-            observation=observation,
-        )
+        return CubepathEnv(system, copy=copy, world=world, **given)
     if transport != "zenoh":
         raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
-    return WireEnv(
-        system,
-        max_cycles=max_cycles,
-        render_mode=render_mode,
-        note_length=note_length,
-        observation=observation,
-        processes=processes,
-    )
+    return WireEnv(system, processes=processes, **given)
+
+
+def _common(
+    max_cycles: int, render_mode: str | None, note_length: int, observation: Showing
+) -> dict[str, Any]:
+    """Return the keywords that all environments have."""
+    return {
+        "max_cycles": max_cycles,
+        "render_mode": render_mode,
+        "note_length": note_length,
+        "observation": observation,
+    }
 
 
 def env(
@@ -473,15 +471,9 @@ def env(
     With ``clock="free"`` there are no rounds: it is a `FreeEnv`, which `scheduling` is passed to.
     """
     turns: AECEnv[str, Observation, int | None]
+    given = _common(max_cycles, render_mode, note_length, observation)
     if clock == "free":
-        turns = FreeEnv(
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-            **scheduling,
-        )
+        turns = FreeEnv(system, **given, **scheduling)
     elif clock != "lockstep":
         raise InputError(f"clock={clock!r}: expected 'lockstep' or 'free'")
     elif scheduling:
@@ -489,15 +481,7 @@ def env(
             f"{min(scheduling)}={scheduling[min(scheduling)]!r}: expected clock='free'"
         )
     else:
-        turns = parallel_to_aec(
-            CubepathEnv(
-                system,
-                max_cycles=max_cycles,
-                render_mode=render_mode,
-                note_length=note_length,
-                observation=observation,
-            )
-        )
+        turns = parallel_to_aec(CubepathEnv(system, **given))
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
 
 

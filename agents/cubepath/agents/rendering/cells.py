@@ -20,7 +20,7 @@ from cubepath.agents.rendering.places import (
     PlaceShape,
     disc,
     disc_solid,
-    draw_goals,
+    draw_goals_alone,
     draw_places,
     extent_of,
     frame_of,
@@ -169,10 +169,6 @@ def _behind(pen: Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bo
     (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
 
 
-def _before(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
-    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
-
-
 def _hexagon_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
     """Return how a hexagon turns about a corner of the one module that the move needs beside it.
 
@@ -294,7 +290,7 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
 def _style(look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
     moving = MovingPart(
         behind=partial(_behind, look=look, rows=rows, on_map=on_map),
-        before=partial(_before, look=look),
+        before=partial(draw_goals_alone, look=look),
         body=partial(place_body, look),
         outline=look.outline("module", None),
     )

@@ -27,6 +27,7 @@ from cubepath.agents.rendering.style import (
     Style,
     arcs,
     bar,
+    frame_around,
     readable,
     spot_of,
 )
@@ -98,10 +99,7 @@ def _spots(system: System) -> dict[Site, Spot]:
 
 
 def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
-    """Return left, right, low and high of the points, in cells."""
-    known = np.array(list(_spots(scene.system).values()))
-    (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
-    return float(left), float(right), float(low), float(high)
+    return frame_around(_spots(scene.system).values(), _MARGIN)
 
 
 def _draw(
@@ -234,5 +232,5 @@ CHORDS = Style(
     draw=_draw,
     marks=_marks,
     solid=_solid,
-    moving=MovingPart(_behind, _points, _body, thick=_THICK),
+    moving=MovingPart(_body, _behind, _points, thick=_THICK),
 )

@@ -163,10 +163,6 @@ def _body(_scene: Scene, site: Site) -> Body:
     return Body("bar", (left, low), (right, top))
 
 
-def _nothing(_pen: Pen, _scene: Scene) -> None:
-    """Nothing lies above arms."""
-
-
 def _ground(pen: PlacePen) -> None:
     """Draw the edges of the lattice pale, and obstacles dark."""
     system = pen.system
@@ -243,7 +239,7 @@ EDGES = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(_behind, _nothing, _body, thick=0.3, joints=True),
+    moving=MovingPart(_body, _behind, thick=0.3, joints=True),
     solid=_solid,
     colours=_colours,
 )

@@ -186,6 +186,11 @@ def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
 
 
+def draw_goals_alone(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
+    """Draw the outlines of the goal above the modules, for pictures that move."""
+    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
+
+
 def draw_modules(
     pen: PlacePen,
     left: Mapping[int, Site],
@@ -274,10 +279,6 @@ def _behind(pen: Pen, scene: Scene) -> None:
     _ground(place_pen(pen, scene.system, _LOOK))
 
 
-def _before(pen: Pen, scene: Scene) -> None:
-    draw_goals(place_pen(pen, scene.system, _LOOK), scene, scene.start)
-
-
 def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
     yield from place_marks(scene, shots, discs=True, round_goal=True)
     if scene.system.filled:
@@ -311,6 +312,11 @@ GRAPH = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(_behind, _before, partial(place_body, _LOOK), outline=disc("module")),
+    moving=MovingPart(
+        partial(place_body, _LOOK),
+        _behind,
+        partial(draw_goals_alone, look=_LOOK),
+        outline=disc("module"),
+    ),
     solid=partial(disc_solid, _LOOK),
 )

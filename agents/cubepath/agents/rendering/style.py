@@ -357,9 +357,9 @@ class MovingPart:
     turns that an action takes from one site to another, None if it goes straight.
     """
 
-    behind: Layer
-    before: Layer
     body: Callable[[Scene, Site], Body]
+    behind: Layer = lambda *_: None
+    before: Layer = lambda *_: None
     outline: Points | None = None
     thick: float = 0.0
     joints: bool = False
@@ -392,3 +392,10 @@ class Style:
 def readable(pen: Pen, words: bool | None) -> bool:  # noqa: FBT001 - as `Style.draw` has it
     """Return whether to write words: as requested, or by default if there is room to read them."""
     return pen.scale >= _ROOM if words is None else words
+
+
+def frame_around(spots: Iterable[Spot], margin: float) -> Box:
+    """Return left, right, low and high of points, with a margin."""
+    known = np.array(list(spots))
+    (left, low), (right, high) = known.min(axis=0) - margin, known.max(axis=0) + margin
+    return float(left), float(right), float(low), float(high)

@@ -233,7 +233,7 @@ def _document(proof: OptimalityProof, found: ProofResult) -> dict[str, Any]:
 def _another_task(refutation: ClaimedRefutation, given: PathInput) -> str | None:
     """Return why a proof is not about the start, the end and the moves of an input."""
     from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
-    from cubepath.coordinator.theory.search.own_ends import ends_of  # noqa: PLC0415
+    from cubepath.coordinator.theory.search.own_ends import OwnEnds  # noqa: PLC0415
 
     scene = given.scene
     start = given.start if scene is None else scene.start_state
@@ -244,8 +244,6 @@ def _another_task(refutation: ClaimedRefutation, given: PathInput) -> str | None
     goal = end_of(given.numbered, start)
     system = None if scene is None else scene.system
     if system is not None and given.labelled_goals:
-        ends = ends_of(given.actions, start)
-        system = system.with_labels(len(ends))
-        start = frozenset((site, label) for label, site in enumerate(ends))
-        goal = frozenset((site, label) for label, site in enumerate(ends.values()))
+        own = OwnEnds.of(system, given.actions, start)
+        system, start, goal = own.system, own.start, own.goal
     return refutation.other_task(system, start, goal, given.actions)

@@ -12,6 +12,7 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from math import cos, isfinite, pi, sin
 from types import ModuleType
 from typing import IO, Any, Literal, NamedTuple, TypeAlias
@@ -394,18 +395,12 @@ def _robot(
     recording: Recording, times: ExportTimes, selection: MessageSelection, stage: SceneEncoder
 ) -> Iterator[_Timed]:
     begun = False
-    for state in states_of(recording):
-        if selection.until is not None and state.round > selection.until:
-            return
-        if selection.first is not None and state.round < selection.first:
-            continue
+    for state in _taken(recording, selection):
         log_time = times.at(state.round, state.wall_ns)
-        if not begun:
-            ground = stage.ground(log_time)
-            yield _Timed(log_time, state.wall_ns, *ground)
-            begun = True
-        for encoded in stage.state(state, log_time):
-            yield _Timed(log_time, state.wall_ns, *encoded)
+        encoded = stage.state(state, log_time)
+        for each in encoded if begun else chain([stage.ground(log_time)], encoded):
+            yield _Timed(log_time, state.wall_ns, *each)
+        begun = True
 
 
 class _Channels:
@@ -516,8 +511,7 @@ class _Painter:
         shown = [(number, body) for number, body in found if body is not None]
         log.log("robot/modules", self._boxes(shown, [hues[number] for number, _ in shown]))
         stirred = [(number, body) for number, body in shown if number in state.moved]
-        ink = tuple(part / 255 for part in bytes.fromhex(INK[1:]))
-        outline = self._boxes(stirred, [ink] * len(stirred), solid=False)
+        outline = self._boxes(stirred, [_rgb(INK)] * len(stirred), solid=False)
         log.log("robot/moving", outline)
         ways = [
             [before.middle, body.middle]
