@@ -5,16 +5,17 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
+from cubepath.coordinator.commands.console import answer, table
 from cubepath.coordinator.commands.files import Output, check_files, file_name, none_written
 from cubepath.coordinator.commands.path_options import duration_file, given_durations, hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.coordinator.commands.verify import answer_checks
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import to_json
@@ -23,9 +24,14 @@ if TYPE_CHECKING:
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.theory.following.optimum import FewestRounds
     from cubepath.coordinator.theory.following.timetable import FollowingTimetable
-    from cubepath.coordinator.theory.proof_checking.following_proof import FewestRoundsResult
+    from cubepath.coordinator.theory.proof_checking.following_proof import (
+        FewestRoundsResult,
+        FollowingRefutation,
+    )
+    from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation, ProofResult
     from cubepath.protocol.path_files.following import FollowingFile, FollowingHead
     from cubepath.protocol.path_files.following_proofs import FollowingProof
+    from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
     from cubepath.protocol.plans.imported import VehiclePlan
 
 CLAUSES, LOG = ".cnf", ".drat"
@@ -34,21 +40,18 @@ _TEXT_MAX = 60
 """Longest text of a state, in characters, that is printed rather than its digest."""
 
 
-class CheckedProof(NamedTuple):
-    """A proof that was checked: whether it proves what it says, and how that is told."""
-
-    proved: bool
-    rows: list[tuple[str, str]]
-    document: dict[str, Any]
+ToldProof: TypeAlias = tuple[list[tuple[str, str]], dict[str, Any]]
+"""What a checked proof proves, as rows for people and as a document."""
 
 
 class ClaimedProof(NamedTuple):
-    """A proof that is yet to be checked: its clauses as DIMACS, its log, and what checks it."""
+    """A proof that is yet to be checked."""
 
-    cnf: Callable[[], Iterable[bytes]]
-    log: Iterable[bytes]
-    checked: Callable[[], CheckedProof]
-    """Raises CheckError for what does not hold."""
+    refutation: ClaimedRefutation | FollowingRefutation
+    other_task: str | None
+    """Why it is about another task than the one that is given, None if it is not."""
+    told: Callable[[Any], ToldProof]
+    """Returns what its result proves."""
 
 
 def digest(value: object) -> str:
@@ -66,13 +69,34 @@ def state_text(sites: list[Any], what: str) -> str:
     return text if len(text) <= _TEXT_MAX else f"{len(sites)} {what}, SHA-256 {digest(sites)}"
 
 
-def write_others(options: argparse.Namespace, claimed: ClaimedProof) -> None:
+def told_of(
+    proof: FollowingProof | OptimalityProof,
+    found: FewestRoundsResult | ProofResult,
+    claim: str,
+    *,
+    head: dict[str, Any],
+    counts: dict[str, int],
+    task: ToldProof,
+) -> ToldProof:
+    """Return what a proof proves that was checked; `head` and `counts` are keys of the document."""
+    claim += ": optimal" if found.optimal else ""
+    rows = [("proved" if found.proved else "agreed", claim), *task[0], ("solver", proof.solver)]
+    document = {"ok": found.proved, "standing": proof.standing, **head}
+    document |= {"optimal": found.optimal, "solver": proof.solver, **counts}
+    return [*rows, *((name, str(count)) for name, count in counts.items())], document | task[1]
+
+
+def write_others(
+    options: argparse.Namespace, refutation: ClaimedRefutation | FollowingRefutation
+) -> None:
     """Write the clauses and the log for other checkers to the files that are asked for."""
     from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
 
     for path in options.out:
         with written_whole(path) as stream:
-            for piece in claimed.cnf() if path.suffix.lower() == CLAUSES else claimed.log:
+            for piece in (
+                refutation.dimacs() if path.suffix.lower() == CLAUSES else refutation.proof.log
+            ):
                 stream.write(piece)
 
 
@@ -102,10 +126,7 @@ def given_plan(options: argparse.Namespace) -> VehiclePlan | None:
 
 
 def claimed_following(
-    options: argparse.Namespace,
-    file: InputFile,
-    plan: VehiclePlan | None,
-    tell: Callable[[str, int], object],
+    file: InputFile, plan: VehiclePlan | None, tell: Callable[[str, int], object]
 ) -> ClaimedProof:
     """Return what a proof about vehicles claims; CheckError for what already does not hold."""
     from cubepath.coordinator.theory.proof_checking.following_proof import FollowingRefutation  # noqa: PLC0415
@@ -113,74 +134,36 @@ def claimed_following(
 
     proof = read_following_proof(file)
     refutation = FollowingRefutation(proof, tell)
-    why = None if plan is None else refutation.other_task(plan)
-    if why is not None:
-        raise CheckError(f"{file_name(options.of)} {why}")
-    if any(each.suffix.lower() == CLAUSES for each in options.out):
-        _ = refutation.clauses  # which may be wrong, before the file is opened
 
-    def checked() -> CheckedProof:
-        found = refutation.checked()
-        task = _task(proof)
-        rows = _rows(proof, found)
-        rows[1:1] = _task_rows(task)
-        return CheckedProof(found.proved, rows, _proof_document(proof, found) | task)
+    def told(found: FewestRoundsResult) -> ToldProof:
+        less = f"no timetable of {counted(found.refuted, 'round')} or fewer"
+        return told_of(
+            proof,
+            found,
+            f"under the rule {proof.rule} {less}; the timetable has {found.rounds}",
+            head={"following": proof.rule, "refuted": found.refuted, "rounds": found.rounds},
+            counts={"variables": found.variables, "clauses": found.clauses, "lemmas": found.lemmas},
+            task=_task(proof),
+        )
 
-    return ClaimedProof(refutation.dimacs, proof.log, checked)
+    return ClaimedProof(refutation, None if plan is None else refutation.other_task(plan), told)
 
 
-def _task(proof: FollowingProof) -> dict[str, Any]:
+def _task(proof: FollowingProof) -> ToldProof:
     """Return what a proof is about; the digest of its graph does not depend on any numbering."""
     cells = proof.vertices
     edges = sorted({tuple(sorted((cells[one], cells[other]))) for one, other in proof.edges})
-    graph = {"vertices": len(cells), "edges": len(edges), "sha256": digest([sorted(cells), edges])}
-    return {
-        "graph": graph,
-        "vehicles": len(proof.starts),
-        "starts": to_json(tuple(proof.starts)),
-        "ends": to_json(tuple(proof.ends)),
-    }
-
-
-def _task_rows(task: dict[str, Any]) -> list[tuple[str, str]]:
-    graph = task["graph"]
-    vertices = "1 vertex" if graph["vertices"] == 1 else f"{graph['vertices']} vertices"
-    size = f"{vertices}, {counted(graph['edges'], 'edge')}"
-    return [
-        ("graph", f"{size}, SHA-256 {graph['sha256']}"),
-        ("vehicles", str(task["vehicles"])),
-        ("starts", state_text(task["starts"], "cells")),
-        ("ends", state_text(task["ends"], "cells")),
+    sha256 = digest([sorted(cells), edges])
+    starts, ends = to_json(tuple(proof.starts)), to_json(tuple(proof.ends))
+    vertices = "1 vertex" if len(cells) == 1 else f"{len(cells)} vertices"
+    rows = [
+        ("graph", f"{vertices}, {counted(len(edges), 'edge')}, SHA-256 {sha256}"),
+        ("vehicles", str(len(proof.starts))),
+        ("starts", state_text(starts, "cells")),
+        ("ends", state_text(ends, "cells")),
     ]
-
-
-def _rows(proof: FollowingProof, found: FewestRoundsResult) -> list[tuple[str, str]]:
-    less = f"under the rule {proof.rule} no timetable of {counted(found.refuted, 'round')} or fewer"
-    has = f"the timetable has {found.rounds}"
-    if found.optimal:
-        has += ": optimal"
-    return [
-        ("proved" if found.proved else "agreed", f"{less}; {has}"),
-        ("solver", proof.solver),
-        ("variables", str(found.variables)),
-        ("clauses", str(found.clauses)),
-        ("lemmas", str(found.lemmas)),
-    ]
-
-
-def _proof_document(proof: FollowingProof, found: FewestRoundsResult) -> dict[str, Any]:
-    return {
-        "ok": found.proved,
-        "standing": proof.standing,
-        "following": proof.rule,
-        "refuted": found.refuted,
-        "rounds": found.rounds,
-        "optimal": found.optimal,
-        "solver": proof.solver,
-        "variables": found.variables,
-        "clauses": found.clauses,
-        "lemmas": found.lemmas,
-    }
+    graph = {"vertices": len(cells), "edges": len(edges), "sha256": sha256}
+    return rows, {"graph": graph, "vehicles": len(proof.starts), "starts": starts, "ends": ends}
 
 
 _FOR_CUBES = ("seconds", "steps", "bounds", "max_states")
@@ -360,29 +343,19 @@ def verify_following(options: argparse.Namespace, file: InputFile) -> int:
         plan = read_vehicle_plan(options.of, options.system, hints(options))
         found = check_following(timetable, plan)
     head = timetable.head
-    document = {
-        "ok": not any(found.values()),
-        "checks": [
-            {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
-        ],
-        "moves": len(plan.moves),
-        "reduced_moves": None if head.cancelled is None else head.moves,
-        "following": head.rule,
-        "rounds": head.rounds,
-        "makespan": head.rounds if head.makespan is None else head.makespan,
-    }
-    width = max(map(len, found))
-    lines = [
-        f"{'ok    ' if why is None else 'FAILED'}  {name:<{width}}  {why or ''}".rstrip()
-        for name, why in found.items()
-    ]
-    wrong = [name for name, why in found.items() if why is not None]
-    if not wrong:
-        lines.append(_proved(head, file_name(options.of)))
-    answer(options, document, "\n".join(map(visible, lines)))
-    if wrong:
-        complain(f"{file.path}: checks failed: {', '.join(wrong)}")
-    return FAILED if wrong else DONE
+    return answer_checks(
+        options,
+        str(file.path),
+        found,
+        {
+            "moves": len(plan.moves),
+            "reduced_moves": None if head.cancelled is None else head.moves,
+            "following": head.rule,
+            "rounds": head.rounds,
+            "makespan": head.rounds if head.makespan is None else head.makespan,
+        },
+        _proved(head, file_name(options.of)),
+    )
 
 
 def _proved(head: FollowingHead, of: str) -> str:
