@@ -206,15 +206,13 @@ class Lift:
     refusal: str | None = None
 
 
-def macro(
-    system: System, start: Iterable[Site], end: Iterable[Site], *, most: int = MAX_STATES
-) -> Macro:
+def macro(system: System, start: Iterable[Site], end: Iterable[Site]) -> Macro:
     """Return a macro with the fewest cubes from the shape of `start` to the shape of `end`.
 
     Both are sets of cells anywhere on the lattice. Obstacles and workspace of the system are
-    ignored here. CheckError if the second shape cannot be reached, or not within `most` shapes.
-    InputError if the system is not local or has no lattice, or if the shapes are empty or differ in
-    size.
+    ignored here. CheckError if the second shape cannot be reached, or not within `MAX_STATES`
+    shapes. InputError if the system is not local or has no lattice, or if the shapes are empty or
+    differ in size.
 
     >>> system = scene_from_spec("hex:n=3").system
     >>> plan = macro(system, [(0, 0), (1, 0), (2, 0)], [(0, 0), (0, 1), (0, 2)])
@@ -238,8 +236,8 @@ def macro(
             if after not in back:
                 back[after] = shape, steps
                 queue.append(after)
-        if len(back) > most:
-            raise CheckError(f"the second shape is not within {most} shapes of the first")
+        if len(back) > MAX_STATES:
+            raise CheckError(f"the second shape is not within {MAX_STATES} shapes of the first")
     if goal not in back:
         raise CheckError("no path leads from the first shape to the second")
     return Macro(first, goal, _unrolled(free, first, _way_back(back, goal)))

@@ -26,7 +26,7 @@ from __future__ import annotations
 import os
 import time
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -170,13 +170,6 @@ class VehicleClauses:
     def ends(self) -> NDArray[np.int64]:
         """Where each clause ends, with shape (clauses,)."""
         return np.array(self.cuts, dtype=np.int64)
-
-    def each(self) -> Iterator[list[int]]:
-        """Yield the clauses one by one."""
-        begin = 0
-        for end in self.cuts:
-            yield self.flat[begin:end].tolist()
-            begin = end
 
     def schedule(self, true: NDArray[np.bool_]) -> Schedule:
         """Return vehicle, source and target of the moves of each round.
