@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import parallel_env
 from cubepath.agents.environments.rollouts import play, play_in_python, play_many
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.locality.check import check_rule

@@ -17,7 +17,7 @@ from cubepath.coordinator.theory.complexes.cubical_complex import (
     boundary_of,
     cofaces,
 )
-from cubepath.coordinator.theory.complexes.morse import (
+from cubepath.coordinator.theory.complexes.homology_groups import (
     Matching,
     matched,
     morse_columns,

@@ -12,13 +12,11 @@ from cubepath.coordinator.theory.complexes.cubical_complex import complex_from_f
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart
 from cubepath.coordinator.theory.paper.algorithms import envelope
 from cubepath.coordinator.theory.paper.curvature import (
+    chains,
+    closure,
     complex_of_squares,
     corner_of_a_cube,
     dented_disc,
-)
-from cubepath.coordinator.theory.paper.euclidean_geodesics import (
-    chains,
-    closure,
     diagonals,
     geodesics,
     normal_cube_paths,

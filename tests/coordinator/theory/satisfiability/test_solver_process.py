@@ -106,15 +106,6 @@ def test_who_does_not_want_to_wait_asks_again_or_ends_it(solver: SolverProcess) 
     assert eventually(lambda: not is_running(first))
 
 
-def test_a_budget_of_conflicts_may_be_spent() -> None:
-    """Then nothing is known."""
-    with SolverProcess(SECOND_SOLVER) as solver:
-        solver.ask(problem("hex:n=6", 16), conflicts=1)
-        answer = solver.answer(60)
-        assert answer is not None
-        assert answer.satisfiable is None
-
-
 def test_a_refutation_comes_with_its_log() -> None:
     """In the file that was given for it; none where propagation alone refutes."""
     with SolverProcess() as solver, TemporaryFile() as file:

@@ -16,8 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.coordinator.tools.exports.rows import RowSelection, table_of
+from cubepath.coordinator.tools.exports.exporting import RowSelection, export, table_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.cutting import MessageSelection, filter_recording

@@ -21,8 +21,7 @@ from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.states import states_of
 from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.coordinator.tools.exports.foxglove import TOPICS
-from cubepath.coordinator.tools.exports.viewer_mcap import times_of
+from cubepath.coordinator.tools.exports.viewers import TOPICS, times_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
