@@ -47,7 +47,10 @@ BY_HAND = [
         " branch.mcap"
     ),
     "run --schedule 0.mcap --repair --rule canary.py:MINE --processes 0 --log repaired.mcap",
-    "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --core simulated --max-rounds 3 --jobs 1 --log -o swept",
+    (
+        "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --max-rounds 3 --core simulated --jobs 1"
+        " --log -o swept"
+    ),
     "run named.toml --rule random --processes 0 --max-rounds 4 --log named.mcap",
     "shorten named.mcap -o cubes.jsonl --certificate cubes.certificate.json",
     "shorten named.mcap --convert -o moves.npz",

@@ -228,8 +228,9 @@ with SolverProcess() as solver, TemporaryFile() as file:
 """
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
-@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_it_ends_with_its_parent(by: signal.Signals, tmp_path: Path) -> None:
     """However that ends; and no file is left."""
     root = Path(__file__).parents[3]
