@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from processes.command_line import ROOT, here, refused
+from processes.command_line import ROOT, here
 
 pytestmark = pytest.mark.slow
 
@@ -42,11 +42,6 @@ def test_a_check_ends_in_time(tmp_path: Path, loading: str, systems: list[str]) 
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.splitlines() == [f"cubepath: rule 'endless.py:RULE': {line}"]
     assert time.monotonic() - began < 30
-
-
-def test_systems_are_not_asked_for() -> None:
-    """Where the rule is missing it alone is."""
-    assert "required: RULE;" in refused("rule", "check")
 
 
 def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:

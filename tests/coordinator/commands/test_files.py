@@ -143,8 +143,6 @@ def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
         ("cubepath shorten moves.jsonl --certificate -", "standard output: takes moves and cubes"),
         ("cubepath view run.mcap -o -", "standard output: takes moves and cubes alone"),
         ("cubepath view - < run.mcap", "standard input: has no name for a picture"),
-        ("cubepath run hex:n=3 --log -", "standard output: has the answer, expected a file"),
-        ("cubepath log recover run.mcap -o -", "standard output: takes moves and cubes alone"),
     ],
 )
 def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Path) -> None:
