@@ -202,7 +202,7 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
 @pytest.mark.parametrize(
     "command",
     [
-        "sweep hex:n=3 --rule random --core simulated --seeds 5 --max-rounds 1 --jobs 2 -o out",
+        "sweep hex:n=3 --rule random --core simulated --seeds 2 --max-rounds 1 --jobs 2 -o out",
         "run hex:n=2 --max-rounds 1 --processes 1 --log run.mcap",
         "rule check random hex:n=2",
     ],

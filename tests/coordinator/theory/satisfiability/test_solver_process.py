@@ -35,8 +35,8 @@ def problem(spec: str, rounds: int) -> Encoding:
 
 @cache
 def hard() -> Encoding:
-    """Return clauses at which solvers work for minutes, writing on and on."""
-    return problem("hex:n=10", 36)
+    """Return clauses at which solvers work for many seconds, writing on and on."""
+    return problem("hex:n=8", 24)
 
 
 def pid_of(solver: SolverProcess) -> int:
