@@ -18,6 +18,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.optimality import stages
 from oracles.minimal_checker import check
 from processes.command_line import GOLDEN, PYTHON, ROOT, cubepath
+from processes.living import is_there
 
 HEX = str(GOLDEN / "hex-5.mcap")
 GRID = str(ROOT / "tests" / "data" / "agv" / "grid8-12agents.json")
@@ -217,9 +218,9 @@ def test_solvers_end_with_the_command(by: signal.Signals, tmp_path: Path) -> Non
         command.send_signal(by)
         command.communicate(timeout=100)
     deadline = time.monotonic() + 30
-    while any(map(is_running, solvers)) and time.monotonic() < deadline:
+    while any(map(is_there, solvers)) and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert not any(map(is_running, solvers))
+    assert not any(map(is_there, solvers))
     assert list(temporary.iterdir()) == []
 
 
@@ -250,12 +251,3 @@ def has_a_log(pid: int) -> bool:
         return any("(deleted)" in os.readlink(each) for each in Path(f"/proc/{pid}/fd").iterdir())  # noqa: PTH115 - a link that leads nowhere
     except OSError:
         return False
-
-
-def is_running(pid: int) -> bool:
-    """Return whether a process is there, and not only waited for."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
