@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isclose, sqrt
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
@@ -97,7 +97,6 @@ def test_three_pages_of_a_book_are_no_surface() -> None:
     assert pulled_apart(complex_of_squares([(0, 1, 3, 2), (0, 1, 5, 4), (0, 1, 7, 6)])) is None
 
 
-@settings(deadline=None)
 @given(st.sampled_from(SCENES).flatmap(lambda spec: st.tuples(st.just(spec), walks(spec))))
 def test_every_move_has_its_window(found: tuple[str, list[Action]]) -> None:
     """Windows are those of the longest chains before and after each move, and both ends work."""
