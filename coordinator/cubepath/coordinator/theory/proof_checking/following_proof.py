@@ -10,7 +10,7 @@ The clauses of "vehicles that may follow get there in so many rounds", derived f
 Every variable says something about a timetable: a vehicle is at a vertex after so many rounds; some
 vehicle goes along an edge, in one direction, in a round; one of the vehicles up to some number is
 at a vertex. Each clause holds for every legal timetable under these meanings, so if they cannot be
-satisfied there is none. Which variables there must be is derived here too: docs/following.md.
+satisfied there is none. Which variables there must be is derived here too: docs/schedules.md.
 
 Part of `cubepath verify`. Nothing is shared with the code that asks solvers.
 """
