@@ -51,7 +51,7 @@ def flips_table(rows: Rows) -> str:
 
 
 def hexagons_table(rows: Rows) -> str:
-    """Return the table of components."""
+    """Return the table of components, from five hexagons on: fewer have one."""
     columns = [
         "n",
         "shapes",
@@ -66,6 +66,9 @@ def hexagons_table(rows: Rows) -> str:
     lines = []
     for row in rows:
         if row["catalogue"] == 2:
+            assert row["components"] == 1
+            continue
+        if row["n"] < 5:
             assert row["components"] == 1
             continue
         keys = ("shapes", "free_shapes", "components", "free_components")

@@ -108,7 +108,7 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
             continue
         both = [by_setting.get((system, hesitate), []) for hesitate in (0.0, 0.5)]
         lost = [
-            geometric_mean_interval([row[name] for row in played]) if played else None
+            geometric_mean_interval([row[name] for row in played]).estimate if played else None
             for played in both
             for name in ("class", "timing")
         ]

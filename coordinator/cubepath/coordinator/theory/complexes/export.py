@@ -1,6 +1,6 @@
 """The state complex of a small system as data of a page, and where paths are in it.
 
-It draws by `complexes`; `docs/viewing.md` has the fields.
+It draws by `complexes`; `page_document` has the fields.
 """
 
 from __future__ import annotations

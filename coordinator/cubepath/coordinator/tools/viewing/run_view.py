@@ -1,6 +1,6 @@
 """A run, or another path, as the data of a page: as it was executed, and its normal cube path.
 
-`docs/viewing.md` has the document's fields.
+`page_document` has the document's fields.
 
 Claims and messages of a recorded run, as data of a page.
 

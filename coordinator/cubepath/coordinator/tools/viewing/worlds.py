@@ -1,6 +1,6 @@
 """What paths of one scene are made of: its sites, the moves between them, and how all this looks.
 
-It draws by `agents.rendering`; `docs/viewing.md` has the document's fields.
+It draws by `agents.rendering`; `page_document` has the document's fields.
 
 Which move each move of a path waited for: the heap of pieces of the path as it stands.
 
