@@ -31,7 +31,6 @@ LONG = {
     "experiments",
     "extending",
     "free-clock",
-    "record",
     "recordings",
     "replay",
     "running",

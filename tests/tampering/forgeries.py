@@ -1,4 +1,4 @@
-"""Recordings of both clocks that were forged, by what docs/recordings.md calls the forgery."""
+"""Recordings of both clocks that were forged, by what `forgeries.md` calls the forgery."""
 
 from __future__ import annotations
 
