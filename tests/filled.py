@@ -41,7 +41,7 @@ def filled(struct: type[S], **given: object) -> S:
     What is `given` has this value in the fields of that name, if there are any.
 
     >>> from cubepath.protocol.wire.messages import Here
-    >>> filled(Here)
+    >>> filled(Presence)
     Here(round=1, module=2, site=[3, 'text 4'])
     """
     made: S = _Filler().values(inspect.type_info(struct))[0]

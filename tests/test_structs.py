@@ -39,15 +39,16 @@ WRITTEN = sorted(ALL.keys() - IN_MEMORY)
 MESSAGES: dict[str, type[msgspec.Struct]] = {**KINDS, **FREE_KINDS}
 READ_IN_PART: dict[str, dict[str, str]] = {
     "Head of losses": {
-        "said": "round phase region number process",
-        "ready": "round phase said process",
+        "bundle": "round phase region number process",
+        "ready": "round phase sent process",
         "reports": "round process",
     },
     "_FreeHead of losses": dict.fromkeys(
-        ("ask", "pass", "tell", "shows", "turns", "rest", "tail"), "birth said"
+        ("requests", "forwards", "replies", "tile", "turns", "halted", "commits"),
+        "incarnation sequence",
     ),
     "_Rounded of stored_messages": dict.fromkeys(KINDS, "round"),
-    "_Numbered of timeline": {**dict.fromkeys(KINDS, "round"), "moved": "level"},
+    "_Numbered of timeline": {**dict.fromkeys(KINDS, "round"), "commit": "level"},
 }
 """Structs that take some fields out of messages: from which kinds, and which fields."""
 

@@ -21,7 +21,7 @@ from typing import Literal
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.free_messages import Moved, decode_free
+from cubepath.protocol.wire.free_messages import Commit, decode_free
 
 SCENES = (("hex:n=12", None), ("agv:graph=grid8x8,n=30", None), ("arm:n=8", None))
 _SLOW = 3
@@ -48,7 +48,7 @@ def measured(folder: Path, number: int, **options: object) -> Measured:
         raise SystemExit(f"{options}: {outcome.error}")
     recording = read_recording(log)
     free = recording.clock == "free"
-    kind = "moved" if free else "reports"
+    kind = "commit" if free else "reports"
     walls = [record.wall_ns for record in recording.of_kind(kind)]
     seconds = (max(walls) - min(walls)) / 1e9 if len(walls) > 1 else 0.0
     return Measured(
@@ -68,17 +68,17 @@ def _commit_messages(recording: Recording) -> float:
     for record in recording.records:
         for part in record.parts():
             count[part.kind] += 1
-    commits = sum(1 for _ in recording.of_kind("moved"))
-    parts = sum(count[kind] for kind in ("attempt", "passed", "decision", "inquiry", "settled"))
+    commits = sum(1 for _ in recording.of_kind("commit"))
+    parts = sum(count[kind] for kind in ("attempt", "forwarded", "decision", "inquiry", "settled"))
     return parts / max(1, commits)
 
 
 def _longest_wait(recording: Recording) -> float:
     """Return how long a module went at most between two of its own commits."""
     when: dict[int, list[int]] = {}
-    for record in recording.of_kind("moved"):
+    for record in recording.of_kind("commit"):
         message = decode_free(record.data)
-        if isinstance(message, Moved):
+        if isinstance(message, Commit):
             when.setdefault(message.module, []).append(record.wall_ns)
     waits = [later - earlier for each in when.values() for earlier, later in pairwise(each)]
     return max(waits, default=0) / 1e9

@@ -41,7 +41,7 @@ Rules = Callable[[], list[Rule]]
 CASES: dict[str, Rules | None] = {
     "floor": None,
     "link": list,
-    "looks": lambda: [Rule(action="drop", pattern=Pattern(kind="said"))],
+    "looks": lambda: [Rule(action="drop", pattern=Pattern(kind="bundle"))],
     "doubles": lambda: [Rule(action="double", probability=0.01)],
 }
 

@@ -48,7 +48,7 @@ from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.keys import key_of, to_region, topic_of
-from cubepath.protocol.wire.messages import Go, Message, Ready, Report, Reports, Said, parts_of
+from cubepath.protocol.wire.messages import Bundle, Go, Message, Ready, Report, Reports, parts_of
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, publisher, put, subscribe
@@ -84,14 +84,14 @@ class Recorded:
         """Note a message."""
         if isinstance(message, Go):
             self.gos[message.round, message.phase] = data
-        elif isinstance(message, Said | Ready | Reports):
+        elif isinstance(message, Bundle | Ready | Reports):
             phase = "settle" if isinstance(message, Reports) else message.phase
             at = (message.process, message.round, phase)
             self.puts.setdefault(at, []).append((key_of(RUN, message), data))
         for part in parts_of(message):
             if isinstance(part, Report):
                 self.sites.setdefault(part.round, {})[part.module] = site_from_json(part.before)
-            self.parts += isinstance(message, Said | Reports)
+            self.parts += isinstance(message, Bundle | Reports)
         self.messages += 1
 
 
@@ -244,7 +244,7 @@ def floor(
                     key, data = arrived.get()
                     if work:
                         topic = key.split("/", 2)[2]
-                        kind = topic.partition("/")[0].replace("to", "said")
+                        kind = topic.partition("/")[0].replace("to", "bundle")
                         writer.write(
                             f"{kind}/process_0", data, round_number=number, wall_ns=time.time_ns()
                         )

@@ -77,7 +77,7 @@ def with_rounds(spec: str, most: int, folder: Path) -> Run:
     path = folder / f"{spec}-{most}.mcap"
     long_runs.write(path, scene, min(most, 20_000))
     records = [
-        *islice(read_recording(path).of_kind("go", "said", "ready", "reports", "edges"), most)
+        *islice(read_recording(path).of_kind("go", "bundle", "ready", "reports", "edges"), most)
     ]
     records = [record for record in records if record.round]
     return Run(scene, [*repeated(records, most)], has_rounds=True)
@@ -86,7 +86,7 @@ def with_rounds(spec: str, most: int, folder: Path) -> Run:
 def without(spec: str, most: int) -> Run:
     """Return messages of a run without rounds."""
     recording = free_runs.free_recorded(spec, moves=200)
-    kinds = {"moved", "turns", "tell", "pass", "ask", "shows", "tail"}
+    kinds = {"commit", "turns", "replies", "forwards", "requests", "tile", "commits"}
     records = [record for record in recording.records if record.kind in kinds]
     return Run(recording.scene, [*repeated(records, most)], has_rounds=False)
 

@@ -13,7 +13,7 @@ from cubepath.agents.keepers.journal import Committed, Decided, JoinedRecord, Re
 from cubepath.agents.keepers.keeper import Keeper, Name, name_of
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.free_messages import Decision, Moved
+from cubepath.protocol.wire.free_messages import Commit, Decision
 
 
 class Known(NamedTuple):
@@ -31,7 +31,7 @@ class History(NamedTuple):
     sites: tuple[Site, ...]
     """Where each module is."""
     epochs: tuple[int, ...]
-    births: tuple[int, ...]
+    incarnations: tuple[int, ...]
     units: frozenset[tuple[Site, Known]]
     committed: frozenset[Name]
     refused: frozenset[Name]
@@ -48,25 +48,27 @@ class History(NamedTuple):
         """Return the history with another record, which must be one that may come."""
         match record:
             case Committed(decision=decision):
-                assert decision.moved is not None
-                return self._committed(decision.moved)
+                assert decision.commit is not None
+                return self._committed(decision.commit)
             case Decided(decision=decision):
                 name = name_of(decision)
-                if decision.moved is not None:
+                if decision.commit is not None:
                     assert name in self.committed, f"{name} is told as committed, and was not"
                     return self
                 assert name not in self.committed, f"{name} is refused after its commit"
                 return self._replace(refused=self.refused | {name})
             case JoinedRecord(enter=enter):
-                assert enter.birth > self.births[enter.module], "an earlier birth comes later"
+                assert enter.incarnation > self.incarnations[enter.module], (
+                    "an earlier incarnation comes later"
+                )
                 return self._replace(
-                    births=_with(self.births, enter.module, enter.birth),
+                    incarnations=_with(self.incarnations, enter.module, enter.incarnation),
                     epochs=_with(self.epochs, enter.module, self.epochs[enter.module] + 1),
                 )
             case _:
                 return self
 
-    def _committed(self, moved: Moved) -> History:
+    def _committed(self, moved: Commit) -> History:
         name = (moved.module, moved.epoch, moved.number)
         assert name not in self.committed, f"{name} is committed twice"
         assert name not in self.refused, f"{name} is committed, and was refused"
@@ -110,7 +112,7 @@ class History(NamedTuple):
     def check_told(self, decision: Decision) -> None:
         """Check that what a module is told was logged."""
         name = name_of(decision)
-        if decision.moved is not None:
+        if decision.commit is not None:
             assert name in self.committed, f"{name} is told as committed, and was not"
             return
         assert name not in self.committed, f"{name} is told as refused, and was committed"
@@ -133,8 +135,8 @@ class History(NamedTuple):
             found = None if occupant is None else occupant.module
             assert found == on.get(unit), f"keeper {keeper.me} shows {found} at {unit!r}"
             if occupant is not None:
-                fence = occupant.epoch, occupant.birth
-                expected = self.epochs[occupant.module], self.births[occupant.module]
+                fence = occupant.epoch, occupant.incarnation
+                expected = self.epochs[occupant.module], self.incarnations[occupant.module]
                 assert fence == expected, f"another fence at {unit!r}"
             if (False, unit) not in keeper._shared:
                 held = keeper.units.unit(unit)

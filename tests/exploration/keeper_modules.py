@@ -12,7 +12,14 @@ from functools import partial
 
 from cubepath.agents.keepers.attempts import planned
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
-from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Entered, Held, Hold
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Entered,
+    EnterRequest,
+    Held,
+    Hold,
+)
 from exploration.keeper_history import History
 from exploration.keeper_world import Dealt, Letter, Module, Part, Scenario, World, with_module
 
@@ -91,15 +98,17 @@ class Modules:
         return self._lets_go(after, number, chain)
 
     def born(self, world: World, number: int) -> World:
-        """Let a module enter; of before it remembers nothing but that this is a later birth."""
+        """Let a module enter that remembers nothing but that this is a later incarnation."""
         module = world.modules[number]
-        birth = module.birth + 1
+        incarnation = module.incarnation + 1
         letters = tuple(
-            self._letter(Letter(-number - 1, keeper, Enter(number, birth)))
+            self._letter(Letter(-number - 1, keeper, EnterRequest(number, incarnation)))
             for keeper in range(self._tiles.keepers)
         )
         start = self._scenario.scene.start[number]
-        entering = Module("entering", birth, 0, 0, start, module.left, module.holds, says=letters)
+        entering = Module(
+            "entering", incarnation, 0, 0, start, module.left, module.holds, says=letters
+        )
         return with_module(world, number, entering)
 
     # Holding.
@@ -159,15 +168,15 @@ class Modules:
             return self._holds_next(after, number) if more else after
         if isinstance(part, Decision):
             site = module.site
-            if part.moved is not None:
-                for who, _, to, _ in part.moved.motion:
+            if part.commit is not None:
+                for who, _, to, _ in part.commit.motion:
                     site = site_from_json(to) if who == number else site
             return with_module(world, number, module._replace(phase="idle", site=site, says=()))
         assert isinstance(part, Entered)
         assert part.occupant.epoch == history.epochs[number], "entered in an epoch that is over"
         new = Module(
             "idle",
-            module.birth,
+            module.incarnation,
             part.occupant.epoch,
             part.occupant.number,
             site_from_json(part.site),
@@ -189,4 +198,4 @@ def is_heard(module: Module, part: Part) -> bool:
         mine = module.epoch, module.number
         return module.phase == "pending" and (part.epoch, part.number) == mine
     assert isinstance(part, Entered)
-    return module.phase == "entering" and part.birth == module.birth
+    return module.phase == "entering" and part.incarnation == module.incarnation

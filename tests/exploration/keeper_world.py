@@ -13,21 +13,23 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
+    Forwards,
     Held,
     Hold,
     Inquiry,
-    Moved,
-    Passed,
-    Passes,
+    Replies,
     Settled,
-    Tells,
 )
 from cubepath.protocol.wire.keys import Tiles
 
-Part: TypeAlias = Attempt | Enter | Passed | Decision | Inquiry | Settled | Entered | Hold | Held
+Part: TypeAlias = (
+    Attempt | EnterRequest | Forwarded | Decision | Inquiry | Settled | Entered | Hold | Held
+)
 
 
 class Letter(NamedTuple):
@@ -71,9 +73,9 @@ class Log:
         """Yield all records, in their order."""
         return iter(self.all)
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
-        found = [each.decision.moved for each in self.all if isinstance(each, Committed)]
+        found = [each.decision.commit for each in self.all if isinstance(each, Committed)]
         moved = found[serial - 1]
         assert moved is not None
         return moved
@@ -84,7 +86,7 @@ class Module(NamedTuple):
 
     phase: str
     """entering, idle, holding, pending, or dead."""
-    birth: int
+    incarnation: int
     epoch: int
     number: int
     site: Site
@@ -142,10 +144,10 @@ class Scenario:
 def letters_of(keeper: Keeper) -> Iterator[Letter]:
     """Yield what a keeper has to say to others that are explored."""
     for message in keeper.said():
-        if isinstance(message, Passes):
+        if isinstance(message, Forwards):
             for part in message.parts:
                 yield Letter(keeper.me, message.to, part)
-        elif isinstance(message, Tells):
+        elif isinstance(message, Replies):
             for told in message.parts:
                 yield Letter(keeper.me, -message.process - 1, told)
 
@@ -167,8 +169,8 @@ def words_of(letter: Letter) -> str:
     about: tuple[object, ...] = ()
     if isinstance(part, Hold | Held):
         about = part.module, part.epoch, part.number
-    elif not isinstance(part, Entered | Enter):
-        about = name_of(part.attempt if isinstance(part, Passed) else part)
+    elif not isinstance(part, Entered | EnterRequest):
+        about = name_of(part.attempt if isinstance(part, Forwarded) else part)
     if isinstance(part, Decision):
-        about = (*about, part.why or "committed")
+        about = (*about, part.reason or "committed")
     return f"{who(letter.sender)} to {who(letter.to)}: {type(part).__name__} {about}"

@@ -8,7 +8,7 @@ from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.node import HostNode
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Again, Go, Message, Said, decode, encode
+from cubepath.protocol.wire.messages import Bundle, Go, Message, Retransmit, decode, encode
 from cubepath.protocol.wire.nodes import Effect
 
 
@@ -34,7 +34,7 @@ class Faultless:
 class _Twice(HostNode):
     """Keeps what comes twice as if it were two messages."""
 
-    def _hear(self, said: Said) -> list[Effect]:
+    def _hear(self, said: Bundle) -> list[Effect]:
         if not self._awaits(said) or not self._inbox.knows(said):
             return super()._hear(said)
         heard = self._judge.heard(said)
@@ -55,14 +55,14 @@ class ForgetsCounts(Faultless):
     """Begins a phase without what it has missed of the one before."""
 
     def changed(self, message: Message) -> Message:
-        return msgspec.structs.replace(message, said={}) if isinstance(message, Go) else message
+        return msgspec.structs.replace(message, sent={}) if isinstance(message, Go) else message
 
 
 class Raises(Faultless):
     """Raises what no node may raise when others miss something."""
 
     def changed(self, message: Message) -> Message:
-        if isinstance(message, Again):
+        if isinstance(message, Retransmit):
             raise KeyError(message.region)
         return message
 

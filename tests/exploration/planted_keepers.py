@@ -9,7 +9,7 @@ from cubepath.agents.keepers.attempts import AttemptPlan
 from cubepath.agents.keepers.journal import Journal, Prepared, Record
 from cubepath.agents.keepers.keeper import ABORTED, Keeper, _Pending
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import Decision, Inquiry, Moved
+from cubepath.protocol.wire.free_messages import Commit, Decision, Inquiry
 from cubepath.protocol.wire.keys import Tiles
 
 
@@ -51,7 +51,7 @@ class DecidesAlone(Keeper):
 
     def _inquire(self, pending: _Pending) -> None:
         attempt = pending.passed.attempt
-        given_up = Decision(attempt.module, attempt.epoch, attempt.number, why=ABORTED)
+        given_up = Decision(attempt.module, attempt.epoch, attempt.number, reason=ABORTED)
         self._out.passes.setdefault(self.me, []).append(given_up)
 
     def tick(self) -> None:
@@ -98,7 +98,7 @@ class _Forgetful:
     def records(self) -> Iterator[Record]:
         return self._journal.records()
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         return self._journal.commit(serial)
 
 

@@ -122,7 +122,7 @@ def mcap_lines(path: Path, *, loose: bool) -> Iterator[str]:
             lines.append(f"@{message.log_time} {body}")
     if loose:
         topics = {re.sub(r"_?\d+\b", "", topic): [] for topic in topics}
-        topics.pop("rest/process json cubepath.rest", None)
+        topics.pop("halted/process json cubepath.rest", None)
     for topic in sorted(topics):
         yield f"--- topic {topic}"
         yield from topics[topic]

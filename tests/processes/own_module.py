@@ -33,7 +33,7 @@ class Vehicle:
         self.heard: dict[str, list[int]] = {}
         self.told: list[tuple[str, str, str, str]] = []
         self.came: SimpleQueue[zenoh.Sample] = SimpleQueue()
-        for kind in ("go", "again", "to"):
+        for kind in ("go", "retransmit", "to"):
             enqueue = zenoh.handlers.Callback(self.came.put, indirect=False)
             session.declare_subscriber(f"{root}/{kind}/**", enqueue)
 
@@ -41,7 +41,7 @@ class Vehicle:
         message = {"kind": kind, "round": self.round, "process": self.orders["process"], **fields}
         key = f"{self.root}/{f'to/{to}' if to else kind}/{self.name}"
         told = self.phase, to or kind, key, json.dumps(message)
-        self.told += [] if kind in ("again", "waiting") else [told]
+        self.told += [] if kind in ("retransmit", "waiting") else [told]
         self.repeat([told])
 
     def repeat(self, told: list[tuple[str, str, str, str]]) -> None:
@@ -52,7 +52,7 @@ class Vehicle:
         site = [self.place, self.label]
         part = {"kind": kind, "round": self.round, "module": self.module, "site": site, **fields}
         for to in sorted({f"{x // 8},{y // 8}" for x, y in places}):
-            self.put("said", to, phase=self.phase, region=to, number=0, parts=[part])
+            self.put("bundle", to, phase=self.phase, region=to, number=0, parts=[part])
 
     def receive(self, key: str, message: Any) -> None:
         at, who = (message["round"], message["phase"]), message.get("process")
@@ -65,7 +65,7 @@ class Vehicle:
                 self.put("waiting", round=at[0], phase=at[1])
             if at == self.due:
                 self.asked, self.wait_s = message, 1.0
-        elif key == f"/again/process_{who}" and at[0] == self.round:
+        elif key == f"/retransmit/process_{who}" and at[0] == self.round:
             self.repeat([each for each in self.told if each[:2] == (at[1], message["region"])])
         elif key == f"/to/{message.get('region')}/process_{who}":
             self.inbox.setdefault((*at, message["region"]), set()).add((who, message["number"]))
@@ -85,16 +85,16 @@ class Vehicle:
             if self.phase == "join" and not self.asked:
                 self.repeat(self.told)
             elif missing and (self.asked or not self.due[0]):
-                self.put("again", phase=missing, region=self.here)
+                self.put("retransmit", phase=missing, region=self.here)
             self.wait_s = min(2 * self.wait_s, 4.0)
 
     def begin(self, phase: str, before: str = "") -> None:
         regions = [to for phase, to, *_ in self.told if phase == self.phase and to != "reports"]
-        self.put("ready", phase=self.phase, said=dict.fromkeys(regions, 1), rule="own")
+        self.put("ready", phase=self.phase, sent=dict.fromkeys(regions, 1), rule="own")
         self.asked, self.due = None, (self.round + (phase == "sense"), phase)
         self.here = f"{self.place[0] // 8},{self.place[1] // 8}"
         heard = self.inbox.setdefault((self.round, before, self.here), set())  # itself, too
-        while not self.asked or self.asked.get("said", {}).get(self.here, 0) > len(heard):
+        while not self.asked or self.asked.get("sent", {}).get(self.here, 0) > len(heard):
             self.step(before)
         (self.round, self.phase), self.due = self.due, (0, "")
 
@@ -119,10 +119,10 @@ class Vehicle:
         self.told, self.heard = [], {}
         near, away = self.near(self.place), dist(self.place, self.goal)
         reach = near.union(*map(self.near, near)) - {self.place}
-        self.say("here", near)
+        self.say("presence", near)
         self.begin("claim", "sense")
         self.hear("note", reach)
-        free = sorted(near - {(*part["site"][0],) for part in self.hear("here", near).values()})
+        free = sorted(near - {(*part["site"][0],) for part in self.hear("presence", near).values()})
         nearer = [place for place in free if dist(place, self.goal) < away]
         ways = nearer or (free if away and self.rank(-1)[0] % 2 else [])  # as good as random
         ends = {self.place, ways[(self.rank(-1)[0] >> 8) % len(ways)]} if ways else set()
@@ -142,13 +142,13 @@ class Vehicle:
         report |= {"before": [self.place, self.label], "move": move if granted else None}
         report["claim"] = ("granted" if granted else "lost") if ends else "none"
         (self.place,) = ends - {self.place} if granted else {self.place}
-        report |= {"site": [self.place, self.label], "heard": {**self.heard, "verdict": before}}
+        report |= {"site": [self.place, self.label], "received": {**self.heard, "verdict": before}}
         self.put("reports", parts=[report])
 
 
 if __name__ == "__main__":
     settings = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}
-    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 3}
+    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 4}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
         while True:
             for token in opened.liveliness().get("cubepath/*/alive/coordinator", timeout=2.0):

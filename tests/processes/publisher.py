@@ -26,7 +26,7 @@ KEY = f"cubepath/{RUN}/to/0,0/process_0"
 
 def message(number: int, size: int) -> bytes:
     """Return the numbered message of a process, of so many bytes at least."""
-    text = f'{{"kind":"said","round":{number // 1000 + 1},"phase":"settle","process":0,'
+    text = f'{{"kind":"bundle","round":{number // 1000 + 1},"phase":"settle","process":0,'
     text += f'"region":"0,0","number":{number},"parts":[]'
     return (text + " " * (size - len(text) - 1) + "}").encode()
 

@@ -13,7 +13,7 @@ from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns
+from cubepath.protocol.wire.free_messages import Commit, FreeMessage, Turns
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
@@ -50,12 +50,12 @@ class Watch:
 
     def has_moved(self, modules: Iterable[int]) -> bool:
         """Return whether any of these modules was the mover of a move."""
-        moved = {each.module for each in self.heard if isinstance(each, Moved)}
+        moved = {each.module for each in self.heard if isinstance(each, Commit)}
         return not moved.isdisjoint(modules)
 
     def moves_since(self, modules: Collection[int]) -> int:
         """Return how many moves were heard of since the last whose mover is one of these."""
-        moves = [each for each in self.heard if isinstance(each, Moved)]
+        moves = [each for each in self.heard if isinstance(each, Commit)]
         return next((n for n, each in enumerate(reversed(moves)) if each.module in modules), 0)
 
     def reached(self) -> bool:

@@ -19,7 +19,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import Act, Observations
+from cubepath.protocol.wire.messages import ChosenAction, Observations
 from cubepath.protocol.wire.nodes import Effect, Ignore, Keep, Listen, Put, Timer
 
 RUN = "run"
@@ -72,7 +72,7 @@ class Driven:
         self._seed = seed
         self._queue: deque[tuple[int, str, bytes]] = deque()
         self._listening: list[set[str]] = [set() for _ in self.nodes]
-        self._observed: dict[int, Act] = {}
+        self._observed: dict[int, ChosenAction] = {}
         self._timers: set[int] = set()
         self.say_nothing = False
         """Whether what is put gets nowhere."""
@@ -133,7 +133,9 @@ class Driven:
                             # Of its own: whoever is heard first must not change what is drawn.
                             own = Random(f"{self._seed}/{part.round}/{part.module}")  # noqa: S311
                             action = own.choice(legal)
-                            self._observed[part.module] = Act(part.round, part.module, action, [])
+                            self._observed[part.module] = ChosenAction(
+                                part.round, part.module, action, []
+                            )
                 case Listen(keys=keys) if number != COORDINATOR:
                     self._listening[number] |= set(keys)
                 case Ignore(keys=keys):

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cubepath.protocol.wire.free_messages import (
-    Asks,
+    CommitLog,
+    Forwards,
     FreeMessage,
-    Passes,
-    Rest,
-    Shows,
-    Tail,
-    Tells,
+    Halted,
+    Replies,
+    Requests,
+    TileUpdate,
     Turns,
     decode_free,
     free_sender,
@@ -30,9 +30,9 @@ class Numbering:
         """Return a message with its number, or the last one of its sender."""
         said = self._sayings.setdefault(free_sender(message), Sayings("run", 1))
         match message:
-            case Asks() | Passes() | Tells() | Shows() | Turns():
+            case Requests() | Forwards() | Replies() | TileUpdate() | Turns():
                 return decode_free(said.say(message).data)
-            case Tail() | Rest():
+            case CommitLog() | Halted():
                 return decode_free(said.tell(message).data)
             case _:
                 return message
@@ -40,4 +40,4 @@ class Numbering:
 
 def numbered(messages: Sequence[FreeMessage], processes: int = 2) -> list[FreeMessage]:
     """Return the messages with the numbers that their senders give, and the last of each."""
-    return [*map(Numbering().numbered, (*messages, *map(Rest, range(processes))))]
+    return [*map(Numbering().numbered, (*messages, *map(Halted, range(processes))))]

@@ -30,21 +30,21 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
+    Commit,
+    CommitLog,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwards,
     FreeMessage,
+    Halted,
     Held,
-    Look,
-    Moved,
-    Passes,
-    Rest,
-    Shown,
-    Shows,
-    Tail,
-    Tells,
+    PlaceState,
+    Replies,
+    Requests,
+    TileQuery,
+    TileUpdate,
     Turn,
     Turns,
     free_topic,
@@ -57,7 +57,7 @@ from samples.free_rules import GOSSIP
 from samples.recordings import new_path
 
 RULE_NAME = f"{Path(__file__).parent / 'free_rules.py'}:GOSSIP"
-NOTHING = Shown(None, 0)
+NOTHING = PlaceState(None, 0)
 
 
 def asked(recording: Recording) -> Verification:
@@ -71,7 +71,7 @@ class _Module:
 
     number: int
     site: Site
-    birth: int = 1
+    incarnation: int = 1
     epoch: int | None = None
     attempts: int = 0
     turns: int = 0
@@ -104,7 +104,7 @@ class FreeRun:
         ]
         self.processes = processes
         self.modules = [_Module(number, site) for number, site in enumerate(self.scene.start)]
-        self.shown: list[dict[Site, Shown]] = [{} for _ in range(processes)]
+        self.shown: list[dict[Site, PlaceState]] = [{} for _ in range(processes)]
         self.seen: set[str] = set()
         """The tiles that were shown whole, to all processes."""
         self.wire: list[FreeMessage] = []
@@ -165,38 +165,38 @@ class FreeRun:
     def _hear_keepers(self) -> None:
         for keeper in self.keepers:
             for message in keeper.said():
-                self.moves += isinstance(message, Moved) and message.generator is not None
-                if isinstance(message, Moved | Tail):
+                self.moves += isinstance(message, Commit) and message.generator is not None
+                if isinstance(message, Commit | CommitLog):
                     self.put_on_record(message)
                 else:
                     self._put(message)
 
     def _deliver(self, message: FreeMessage) -> None:
         match message:
-            case Asks():
+            case Requests():
                 for asked in message.parts:
                     self.keepers[message.keeper].ask(message.process, asked)
-            case Passes():
+            case Forwards():
                 for said in message.parts:
                     self.keepers[message.to].hear(message.keeper, said)
-            case Tells():
+            case Replies():
                 for told in message.parts:
                     if not isinstance(told, Held):  # nobody asks for that here
                         self._told(told)
-            case Shows():
+            case TileUpdate():
                 self._shown(message)
             case _:
                 pass
         self._hear_keepers()
 
-    def _shown(self, message: Shows) -> None:
+    def _shown(self, message: TileUpdate) -> None:
         if message.whole:
             self.seen.add(message.tile)
         for shown in self.shown:
             for each in message.parts:
                 self._see(shown, each)
 
-    def _see(self, shown: dict[Site, Shown], each: Shown) -> None:
+    def _see(self, shown: dict[Site, PlaceState], each: PlaceState) -> None:
         place = site_from_json(each.place)
         known = shown.get(place, NOTHING)
         if (each.version, each.module_version) >= (known.version, known.module_version):
@@ -214,17 +214,21 @@ class FreeRun:
 
     def _enter(self, module: _Module) -> None:
         for keeper in range(len(self.keepers)):
-            self._put(Asks(self._process(module), keeper, [Enter(module.number, module.birth)]))
+            self._put(
+                Requests(
+                    self._process(module), keeper, [EnterRequest(module.number, module.incarnation)]
+                )
+            )
 
     def _restart(self, module: _Module) -> None:
-        module.birth += 1
+        module.incarnation += 1
         module.epoch, module.asked, module.actor = None, None, None
         self._enter(module)
 
     def _told(self, part: Decision | Entered) -> None:
         if isinstance(part, Entered):
             module = self.modules[part.occupant.module]
-            if module.epoch is not None or part.birth != module.birth:
+            if module.epoch is not None or part.incarnation != module.incarnation:
                 return
             module.site, module.epoch = site_from_json(part.site), part.occupant.epoch
             module.version, module.note = part.occupant.version, part.occupant.note
@@ -257,7 +261,9 @@ class FreeRun:
         if not tiles <= self.seen:
             tile = min(tiles - self.seen)
             self._put(
-                Asks(self._process(module), self.tiles.keeper_of_tile(tile), [Look(tile, -1)])
+                Requests(
+                    self._process(module), self.tiles.keeper_of_tile(tile), [TileQuery(tile, -1)]
+                )
             )
             return
         sensed = [
@@ -328,7 +334,7 @@ class FreeRun:
             units = [self.system.place_of(unit) for unit in units]
         places = [*units, *(site_from_json(at) for at, _, _ in attempt.notes)]
         first = min(self.tiles.keeper_of(place) for place in places)
-        self._put(Asks(self._process(module), first, [attempt]))
+        self._put(Requests(self._process(module), first, [attempt]))
 
 
 def free_run(
@@ -344,9 +350,9 @@ def results(scene: Scene, messages: Sequence[FreeMessage], keepers: int) -> list
     found = FreeGatherer(scene, keepers)
     for message in messages:
         match message:
-            case Moved():
+            case Commit():
                 found.receive(message)
-            case Tail():
+            case CommitLog():
                 found.tail(message)
             case _:
                 pass
@@ -441,12 +447,12 @@ def write_long(path: Path, spec: str, moves: int, *, keepers: int = 3) -> int:
 
         def record(message: FreeMessage) -> None:
             put(numbering.numbered(message))
-            if isinstance(message, Moved | Tail):
+            if isinstance(message, Commit | CommitLog):
                 gatherer.take(message)
 
         run = FreeRun(spec, keepers=keepers, rule=RANDOM, record=record)
         run.play(moves)
-        for message in (*map(Rest, range(run.processes)), *results_of(gatherer)):
+        for message in (*map(Halted, range(run.processes)), *results_of(gatherer)):
             put(numbering.numbered(message))
         return writer.messages
 

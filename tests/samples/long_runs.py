@@ -18,19 +18,19 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
+    Bundle,
     Certified,
     Claim,
     Cube,
     Edges,
     Go,
-    Here,
     Message,
     Note,
     Part,
+    Presence,
     Ready,
     Report,
     Reports,
-    Said,
     Summary,
     Verdict,
     encode,
@@ -62,7 +62,7 @@ def said(
         ) -> None:
             waiting = [*post]
             for message in waiting:
-                assert isinstance(message, Here | Note | Claim | Verdict)
+                assert isinstance(message, Presence | Note | Claim | Verdict)
                 found.append(message)
                 for place in addressees(system, message) or ():
                     if place in at:
@@ -113,7 +113,7 @@ def write(path: Path, scene: Scene, most_parts: int, *, seed: int = 0) -> int:
     return written
 
 
-def paced(number: int, told: Sequence[Said | Reports]) -> Iterator[Message]:
+def paced(number: int, told: Sequence[Bundle | Reports]) -> Iterator[Message]:
     """Yield what is said in a round, with what begins and ends its phases."""
     before: Counter[str] = Counter()
     for phase in ("sense", "claim", "settle"):
@@ -121,9 +121,9 @@ def paced(number: int, told: Sequence[Said | Reports]) -> Iterator[Message]:
         before.clear()
         own: dict[int, Counter[str]] = {process: Counter() for process in range(PROCESSES)}
         for message in told:
-            if (message.phase if isinstance(message, Said) else "settle") != phase:
+            if (message.phase if isinstance(message, Bundle) else "settle") != phase:
                 continue
-            if isinstance(message, Said):
+            if isinstance(message, Bundle):
                 own[message.process][message.region] += 1
                 before[message.region] += 1
             yield message

@@ -19,11 +19,11 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
-    Acts,
+    Bundle,
+    ChosenActions,
     Message,
     Observations,
     Reports,
-    Said,
     decode,
     encode,
     kind_of,
@@ -137,7 +137,7 @@ def _edited(recording: Recording, edit: Callable[[Any], list[Message]]) -> list[
     for record in recording.records:
         message: Any = decode(record.data)
         made = [each for part in parts_of(message) for each in edit(part)]
-        if isinstance(message, Said | Reports | Observations | Acts):
+        if isinstance(message, Bundle | Reports | Observations | ChosenActions):
             made = [with_fields(message, parts=made)] if made != message.parts else [message]
             made = edit(made[0])
         if made == [message]:

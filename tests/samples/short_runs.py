@@ -21,7 +21,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.messages import Again, Message, Refused, Report, Waiting
+from cubepath.protocol.wire.messages import Message, Refused, Report, Retransmit, Waiting
 from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
 from oracles.obvious_rounds import rank
 
@@ -62,7 +62,7 @@ class Coordinator:
             effects = self.pacer.begin_round()
 
     def _keep(self, kept: Keep[Message]) -> None:
-        if isinstance(kept.message, Again | Waiting | Refused):
+        if isinstance(kept.message, Retransmit | Waiting | Refused):
             return
         assert kept.data not in self.kept, "it is kept twice"
         self.kept[kept.data] = kept.message
@@ -140,7 +140,7 @@ def _round(world: World, actors: dict[int, Actor], number: int, *, notes: bool) 
         within = [other for other, there in others.items() if there in system.reach(place)]
         heard = {
             "claim": [other for other in within if other in claims],
-            "here": [other for other, there in others.items() if there in system.sensed(place)],
+            "presence": [other for other, there in others.items() if there in system.sensed(place)],
             "note": within if notes else [],
             "verdict": [other for other, told in told_by.items() if module in told],
         }
@@ -153,7 +153,7 @@ def _round(world: World, actors: dict[int, Actor], number: int, *, notes: bool) 
             site=world.sites[module],
             claim=outcome if made is None else "granted",
             move=None if made is None else GeneratorPlacement(made.generator, made.at),
-            heard={kind: senders for kind, senders in heard.items() if senders},
+            received={kind: senders for kind, senders in heard.items() if senders},
             failed=choices[module].failed,
         )
         found.append(json.decode(json.encode(report), type=Report))

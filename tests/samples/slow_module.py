@@ -26,7 +26,7 @@ from cubepath.coordinator.simulation.free_simulated import Watch
 from cubepath.coordinator.simulation.network import SimulatedNetwork
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns, decode_free
+from cubepath.protocol.wire.free_messages import Commit, FreeMessage, Turns, decode_free
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.nodes import Node, Put
 
@@ -79,7 +79,7 @@ def measured(spec: str, slow: int, seed: int, seconds: float) -> Measured:
         nonlocal count
         message = decode_free(put.data)
         waits.said(message, network.now_us)
-        count += isinstance(message, Moved) and message.module != slow
+        count += isinstance(message, Commit) and message.module != slow
         return put
 
     def after() -> None:
@@ -115,7 +115,7 @@ class _Waits:
                         self.ends(now_us)
                     elif turn.module == self._module and self._since_us is None:
                         self._since_us = now_us
-            case Moved(module=self._module):
+            case Commit(module=self._module):
                 self.moves += 1
                 self.ends(now_us)
                 self._moved_us = now_us
@@ -141,7 +141,7 @@ def _host(process: int, modules: list[int], scene: Scene, slow: int, seed: int) 
         process=process,
         modules=modules,
         keepers=KEEPERS,
-        birth=1,
+        incarnation=1,
         scene="",
         rule="random",
         seed=seed,

@@ -87,7 +87,7 @@ def deviating(rule: RuleType, deviation: Deviation) -> RuleType:
 
 # The obvious way: everything decoded, sorted and compared.
 
-PHASES = {"here": 0, "note": 1, "claim": 2, "verdict": 3, "report": 4, "edges": 5}
+PHASES = {"presence": 0, "note": 1, "claim": 2, "verdict": 3, "report": 4, "edges": 5}
 Place = tuple[int, int, int]
 """A round, the place of a kind in it, and a module."""
 

@@ -24,7 +24,7 @@ from cubepath.protocol.recordings.salvaging import (
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode
+from cubepath.protocol.wire.messages import Go, Message, Presence, Ready, encode
 
 PARAMETERS = {"rule": "random", "seed": "7", "system": "agv:graph=P3,n=1", "": "ünï\ncode"}
 ROUNDS = 40
@@ -38,7 +38,10 @@ def said() -> Iterator[tuple[str, Message]]:
     for number in range(1, ROUNDS + 1):
         yield "go/coordinator", Go(number, "sense")
         for module in range(4):
-            yield f"here/module_{module}", Here(number, module, [number, -module, "x" * module])
+            yield (
+                f"presence/module_{module}",
+                Presence(number, module, [number, -module, "x" * module]),
+            )
         yield "ready/process_0", Ready(number, 0, "sense")
 
 

@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.wire.free_messages import Asks, Attempt, FreeMessage, Passes, Settled
+from cubepath.protocol.wire.free_messages import Attempt, Forwards, FreeMessage, Requests, Settled
 from samples.free_numbers import numbered
 from samples.free_runs import free_recorded, free_run, results, write
 from samples.recordings import new_path, recorded
@@ -122,7 +122,7 @@ def inserted(recording: Recording, place: int, kind: str, document: Any) -> Reco
 def committed(change: Edit, recording: Recording | None = None) -> Recording:
     """Return a run without rounds with a commit changed wherever it is told."""
     found = gossip() if recording is None else recording
-    for record in found.of_kind("moved"):
+    for record in found.of_kind("commit"):
         old = json.loads(record.data)
         new = change(old)
         if new is not None:
@@ -190,12 +190,16 @@ def less(gone: Callable[[FreeMessage], bool]) -> Recording:
 
 def asks(message: FreeMessage) -> bool:
     """Return whether a message asks for a move."""
-    return isinstance(message, Asks) and any(isinstance(each, Attempt) for each in message.parts)
+    return isinstance(message, Requests) and any(
+        isinstance(each, Attempt) for each in message.parts
+    )
 
 
 def acknowledges(message: FreeMessage) -> bool:
     """Return whether a message says that a keeper has taken note of commits, and nothing else."""
-    return isinstance(message, Passes) and all(isinstance(each, Settled) for each in message.parts)
+    return isinstance(message, Forwards) and all(
+        isinstance(each, Settled) for each in message.parts
+    )
 
 
 def refusing(recording: Recording, *, counted: bool) -> Recording:
@@ -205,7 +209,7 @@ def refusing(recording: Recording, *, counted: bool) -> Recording:
     refused = {
         "kind": "refused",
         "round": round_number,
-        "key": "said/process_0",
+        "key": "bundle/process_0",
         "who": "process_0",
         "reason": "malformed",
         "why": "not a cubepath message",
@@ -332,7 +336,7 @@ def in_another_order(recording: Recording, *kinds: str) -> Recording:
 
 def refused(decision: Any) -> Any:
     """Return a commit that a keeper tells as refused."""
-    if decision["kind"] != "decision" or "moved" not in decision:
+    if decision["kind"] != "decision" or "commit" not in decision:
         return None
     kept = {key: decision[key] for key in ("kind", "module", "epoch", "number")}
     return kept | {"why": "no"}
@@ -453,20 +457,20 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     "the same: a report; a commit": (
         a_report_is_missing,
         lambda: without(
-            chain(), lambda each: b'"serial":3,' in each.data and each.topic == "moved/keeper_1"
+            chain(), lambda each: b'"serial":3,' in each.data and each.topic == "commit/keeper_1"
         ),
     ),
     "a message taken out and its place closed, but not the number of its sender": (
         None,
         lambda: less_of("turns/process_1"),
     ),
-    "another number or birth of a message of a keeper": (
+    "another number or incarnation of a message of a keeper": (
         None,
-        lambda: edited(gossip(), "shows", lambda each: each | {"birth": 2}),
+        lambda: edited(gossip(), "tile", lambda each: each | {"incarnation": 2}),
     ),
     "a message that stands twice": (
         lambda: doubled(crowd(), "reports"),
-        lambda: doubled(gossip(), "ask"),
+        lambda: doubled(gossip(), "requests"),
     ),
     "a part that stands twice in its message": (
         lambda: part_doubled(crowd(), "reports"),
@@ -490,11 +494,11 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     ),
     "a granted claim called lost; a commit called refused": (
         a_granted_claim_is_called_lost,
-        lambda: with_part(chain(), "tell", refused),
+        lambda: with_part(chain(), "replies", refused),
     ),
     "a delivery that nobody sent; a place shown as it never was": (
         heard_what_nobody_said,
-        lambda: with_part(chain(), "shows", emptied),
+        lambda: with_part(chain(), "tile", emptied),
     ),
     "a delivery left out; a turn that saw what was not shown": (
         a_message_missed,
@@ -508,13 +512,16 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
     ),
     "another count of readers": (None, lambda: committed(counted)),
     "another note; another register": (a_note_that_was_forged, lambda: committed(noted)),
-    "another epoch of a module": (None, lambda: with_part(gossip(), "tell", born_later)),
-    "another version in the last `tail`": (None, lambda: edited(chain(), "tail", later, last=True)),
-    "a unit left out of the last `tail`": (
+    "another epoch of a module": (None, lambda: with_part(gossip(), "replies", born_later)),
+    "another version in the last `commits`": (
+        None,
+        lambda: edited(chain(), "commits", later, last=True),
+    ),
+    "a unit left out of the last `commits`": (
         None,
         lambda: edited(
             chain(),
-            "tail",
+            "commits",
             lambda tail: tail | {"units": tail["units"][1:]} if tail["units"] else None,
             last=True,
         ),
@@ -551,24 +558,24 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         lambda: refusing(chain(), counted=True),
     ),
     "`waiting` in another round, or of no phase": (lambda: waiting(phase="lunch"), None),
-    "`waiting` or `again` in its phase, of a process that did not wait": (waiting, None),
-    "`refused` of a `tail`": (
+    "`waiting` or `retransmit` in its phase, of a process that did not wait": (waiting, None),
+    "`refused` of a `commits`": (
         None,
-        lambda: edited(chain(), "tail", lambda tail: tail | {"refused": 3}, last=True),
+        lambda: edited(chain(), "commits", lambda tail: tail | {"refused": 3}, last=True),
     ),
-    "the reason of a refusal": (None, lambda: with_part(gossip(), "tell", otherwise)),
+    "the reason of a refusal": (None, lambda: with_part(gossip(), "replies", otherwise)),
     "whether a tile is shown whole": (
         None,
         lambda: edited(
             gossip(),
-            "shows",
+            "tile",
             lambda each: each | {"whole": False} if each["parts"] and each.get("whole") else None,
         ),
     ),
-    "what a `look` asked for": (
+    "what a `tile_query` asked for": (
         None,
         lambda: with_part(
-            gossip(), "ask", lambda p: p | {"serial": 7} if p["kind"] == "look" else None
+            gossip(), "requests", lambda p: p | {"serial": 7} if p["kind"] == "tile_query" else None
         ),
     ),
     "an end that says `interrupted`": (
@@ -600,7 +607,7 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         lambda: without(crowd(), lambda each: each.kind == "cube" and b'"index":2,' in each.data),
         lambda: without(chain(), lambda each: each.kind == "cube" and b'"index":2,' in each.data),
     ),
-    "the last answer of a process taken out; its `rest` and what it said last": (
+    "the last answer of a process taken out; its `halted` and what it said last": (
         a_process_that_did_not_answer,
         without_rest,
     ),
@@ -652,8 +659,8 @@ FORGERIES: Mapping[str, tuple[Forgery | None, Forgery | None]] = {
         lambda: edited(chain(), "cube", lambda cube: cube | {"moves": spelled(cube["moves"])}),
     ),
     "the order of messages that nothing orders": (
-        lambda: in_another_order(crowd(), "said", "ready"),
-        lambda: in_another_order(gossip(), "ask", "ask"),
+        lambda: in_another_order(crowd(), "bundle", "ready"),
+        lambda: in_another_order(gossip(), "requests", "requests"),
     ),
     "all of it, by modules that follow the rules": (
         lambda: recorded("agv:graph=grid4x4,n=7", "tswap", seed=5, rounds=10),

@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Cube, Report, Said, decode
+from cubepath.protocol.wire.messages import Bundle, Claim, Cube, Report, decode
 from samples.recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 
 Tampering = Callable[[], Recording]
@@ -71,7 +71,7 @@ def a_message_that_is_none() -> Recording:
     place = next(
         n
         for n, each in enumerate(records)
-        if b'"phase":"claim"' in each.data and each.kind == "said"
+        if b'"phase":"claim"' in each.data and each.kind == "bundle"
     )
     records[place] = with_fields(records[place], data=b'{"kind":"clam"}')
     return with_records(whole, records)
@@ -212,25 +212,25 @@ def a_site_that_is_none() -> Recording:
     return edited(crowd(), report, replace(report, site={"x": None}))
 
 
-@tampers("said", "deliveries")
+@tampers("bundle", "deliveries")
 def nobody_says_that_it_is_here() -> Recording:
-    return edited(crowd(), first(crowd(), "here", lambda message: message.round == 2))
+    return edited(crowd(), first(crowd(), "presence", lambda message: message.round == 2))
 
 
-@tampers("said")
+@tampers("bundle")
 def a_module_speaks_from_elsewhere() -> Recording:
     claim = first(crowd(), "claim")
     report = first(crowd(), "report", lambda m: m.module != claim.module)
     return edited(crowd(), claim, replace(claim, site=report.before))
 
 
-@tampers("said")
+@tampers("bundle")
 def a_module_says_two_things() -> Recording:
     note = first(crowd(), "note")
     return edited(crowd(), note, note, replace(note, note=[number + 1 for number in note.note]))
 
 
-@tampers("said")
+@tampers("bundle")
 def nobody_speaks() -> Recording:
     note = first(crowd(), "note")
     return edited(crowd(), note, note, replace(note, module=99))
@@ -284,9 +284,9 @@ def a_verdict_on_no_claim() -> Recording:
     before = [
         each
         for each in map(decode, (record.data for record in whole.records))
-        if isinstance(each, Said) and (each.round, each.phase) == (report.round, "settle")
+        if isinstance(each, Bundle) and (each.round, each.phase) == (report.round, "settle")
     ]
-    said = Said(report.round, "settle", 0, "0,0", len(before), [verdict])
+    said = Bundle(report.round, "settle", 0, "0,0", len(before), [verdict])
     return with_records(whole, [*whole.records, record_of(said)])
 
 
@@ -331,25 +331,25 @@ def heard_from_far_away() -> Recording:
                 *system.sensed(site_from_json(report.before))
             }
             if far and other.module != report.module:
-                return edited(whole, report, hearing(report, "here", other.module))
+                return edited(whole, report, hearing(report, "presence", other.module))
     raise AssertionError("everybody senses everybody")
 
 
 def hearing(report: Report, kind: str, module: int) -> Report:
     """Return the report with one more delivery."""
-    heard = {**report.heard, kind: [*report.heard.get(kind, []), module]}
-    return replace(report, heard=heard)
+    heard = {**report.received, kind: [*report.received.get(kind, []), module]}
+    return replace(report, received=heard)
 
 
 @tampers("deliveries")
 def heard_what_nobody_said() -> Recording:
-    report = first(crowd(), "report", lambda message: message.heard)
-    return edited(crowd(), report, hearing(report, "verdict", report.heard["here"][0]))
+    report = first(crowd(), "report", lambda message: message.received)
+    return edited(crowd(), report, hearing(report, "verdict", report.received["presence"][0]))
 
 
 @tampers("deliveries")
 def heard_twice() -> Recording:
-    report = first(crowd(), "report", lambda message: message.heard)
+    report = first(crowd(), "report", lambda message: message.received)
     kind, module = next(iter(report.deliveries()))
     return edited(crowd(), report, hearing(report, kind, module))
 
@@ -370,7 +370,7 @@ def a_verdict_heard_that_was_for_others() -> Recording:
 
 @tampers("hearing")
 def a_message_missed() -> Recording:
-    report = first(crowd(), "report", lambda message: message.heard)
-    kind = next(iter(report.heard))
-    heard = {**report.heard, kind: report.heard[kind][1:]}
-    return edited(crowd(), report, replace(report, heard=heard))
+    report = first(crowd(), "report", lambda message: message.received)
+    kind = next(iter(report.received))
+    heard = {**report.received, kind: report.received[kind][1:]}
+    return edited(crowd(), report, replace(report, received=heard))

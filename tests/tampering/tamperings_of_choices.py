@@ -118,9 +118,9 @@ def a_note_that_nobody_remembers() -> Recording:
     def forget(report: Any) -> Any:
         heard = {
             kind: [n for n in who if (kind, n) != ("note", note.module)]
-            for kind, who in report.heard.items()
+            for kind, who in report.received.items()
         }
-        return replace(report, heard={kind: who for kind, who in heard.items() if who})
+        return replace(report, received={kind: who for kind, who in heard.items() if who})
 
     found = edited(whole, note)
     for report in parts(whole, "report"):

@@ -11,12 +11,12 @@ from msgspec.structs import replace
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.messages import (
-    Again,
+    Bundle,
     Go,
     Message,
     Ready,
     Reports,
-    Said,
+    Retransmit,
     Waiting,
     decode,
 )
@@ -70,7 +70,7 @@ def with_note(*numbers: int) -> Recording:
     return edited(whole, note, replace(note, note=list(numbers)))
 
 
-@tampers("said")
+@tampers("bundle")
 def a_note_of_another_length() -> Recording:
     return with_note(1, 2)
 
@@ -80,7 +80,7 @@ def a_note_that_is_no_int32() -> Recording:
     return with_note(1, 2, 3, 4, 5, 1 << 31)
 
 
-@tampers("said")
+@tampers("bundle")
 def a_note_of_silence() -> Recording:
     return with_note(1, 2, 3, 4, 5, -(1 << 31))
 
@@ -116,9 +116,9 @@ def a_batch_of_nothing() -> Recording:
     region = "9,9"
 
     def counting(place: int, message: Any) -> None:
-        said = dict(sorted({**message.said, region: 1}.items()))
+        said = dict(sorted({**message.sent, region: 1}.items()))
         records[place] = with_fields(
-            records[place], data=record_of(replace(message, said=said)).data
+            records[place], data=record_of(replace(message, sent=said)).data
         )
 
     counting(claims, decode(records[claims].data))
@@ -129,7 +129,7 @@ def a_batch_of_nothing() -> Recording:
     assert isinstance(answer, Ready)
     counting(ready, answer)
     found = with_records(whole, records)
-    return inserted(found, ready, Said(1, "claim", answer.process, region, 0, []))
+    return inserted(found, ready, Bundle(1, "claim", answer.process, region, 0, []))
 
 
 @tampers("batches")
@@ -193,23 +193,23 @@ def an_answer_of_no_process() -> Recording:
 @tampers("pacing")
 def an_answer_that_counts_one_more() -> Recording:
     whole = crowd()
-    answer = first(whole, "ready", lambda each: each.said)
-    region, count = next(iter(answer.said.items()))
-    return edited(whole, answer, replace(answer, said={**answer.said, region: count + 1}))
+    answer = first(whole, "ready", lambda each: each.sent)
+    region, count = next(iter(answer.sent.items()))
+    return edited(whole, answer, replace(answer, sent={**answer.sent, region: count + 1}))
 
 
 @tampers("pacing")
 def a_phase_that_counts_one_less() -> Recording:
     whole = crowd()
-    go = first(whole, "go", lambda each: each.said)
-    region, count = next(iter(go.said.items()))
-    return edited(whole, go, replace(go, said={**go.said, region: count - 1}))
+    go = first(whole, "go", lambda each: each.sent)
+    region, count = next(iter(go.sent.items()))
+    return edited(whole, go, replace(go, sent={**go.sent, region: count - 1}))
 
 
 @tampers("pacing")
 def somebody_asks_who_is_nobody() -> Recording:
     place = place_of(crowd(), lambda each: isinstance(each, Ready) and each.round == 3)
-    return inserted(crowd(), place, Again(3, 5, "sense", "0,0"))
+    return inserted(crowd(), place, Retransmit(3, 5, "sense", "0,0"))
 
 
 @tampers("pacing")
@@ -220,7 +220,7 @@ def somebody_waits_in_another_round() -> Recording:
 
 @tampers("pacing")
 def a_batch_that_comes_twice() -> Recording:
-    place = place_of(crowd(), lambda each: isinstance(each, Said) and each.round == 3)
+    place = place_of(crowd(), lambda each: isinstance(each, Bundle) and each.round == 3)
     return inserted(crowd(), place, decode(crowd().records[place].data))
 
 
@@ -233,7 +233,7 @@ def reports_that_come_twice() -> Recording:
 @tampers("pacing")
 def a_claim_that_came_before_its_phase() -> Recording:
     whole = crowd()
-    place = place_of(whole, lambda each: isinstance(each, Said) and each.phase == "claim")
+    place = place_of(whole, lambda each: isinstance(each, Bundle) and each.phase == "claim")
     records: list[Record] = [*whole.records]
     go = place_of(whole, lambda each: isinstance(each, Go) and each.phase == "claim")
     while decode(records[go].data).round != records[place].round:

@@ -192,7 +192,7 @@ def test_nothing_is_delivered_from_beyond_the_radius(told: tuple[Scene, list[Rep
     stood = {(report.round, report.module): report.before for report in reports}
     for report in reports:
         place = system.place_of(site_from_json(report.before))
-        near = {"here": system.sensed(place)}
+        near = {"presence": system.sensed(place)}
         for kind, speaker in report.deliveries():
             sender = system.place_of(site_from_json(stood[report.round, speaker]))
             assert sender in near.get(kind, system.reach(place))
@@ -217,7 +217,7 @@ def test_everyone_sensed_is_heard(told: tuple[Scene, list[Report]]) -> None:
                 continue
             sensed = set(system.sensed(there[report.module]))
             expected = {module for module, place in there.items() if place in sensed}
-            assert {m for kind, m in report.deliveries() if kind == "here"} == expected
+            assert {m for kind, m in report.deliveries() if kind == "presence"} == expected
 
 
 @contextmanager

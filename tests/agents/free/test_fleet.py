@@ -45,7 +45,7 @@ def reached(run: RunUnderTest) -> RunLog:
 
 def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: RunFixture) -> None:
     log = reached(cubepath_run(CHAIN, **FREE))
-    commits = log.messages("moved")
+    commits = log.messages("commit")
     names = [(each.module, each.epoch, each.number) for each in commits]
     assert len(set(names)) == len(names)
     assert len(log.moves) == sum(each.generator is not None for each in commits)

@@ -10,12 +10,12 @@ from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
-    Enter,
+    EnterRequest,
     FreeMessage,
-    Repeat,
-    Rest,
+    Halted,
+    Requests,
+    RetransmitRange,
     decode_free,
     free_key,
 )
@@ -24,9 +24,9 @@ from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 
 
-def host(scene: Scene, birth: int) -> FreeHostNode:
+def host(scene: Scene, incarnation: int) -> FreeHostNode:
     """Return the process of the only module, born so often."""
-    orders = FreeProcessConfig("", "run", 0, [0], 1, birth, "", "random", seed=3)
+    orders = FreeProcessConfig("", "run", 0, [0], 1, incarnation, "", "random", seed=3)
     return FreeHostNode(orders, scene)
 
 
@@ -53,7 +53,7 @@ def decoded(put: Put) -> FreeMessage:
 def parts(put: Put) -> list[object]:
     """Return what is asked."""
     message = decoded(put)
-    return [*message.parts] if isinstance(message, Asks) else []
+    return [*message.parts] if isinstance(message, Requests) else []
 
 
 def attempting(node: FreeHostNode, keeper: KeeperNode) -> list[Put]:
@@ -75,7 +75,7 @@ def test_a_refusal_of_an_earlier_epoch_is_none_of_this_one() -> None:
     told = tell(keeper, late)
     said = tell(again, told)
     assert again.movers[0].state == "pending"
-    assert not [part for put in said for part in parts(put) if isinstance(part, Enter)]
+    assert not [part for put in said for part in parts(put) if isinstance(part, EnterRequest)]
     tell(again, tell(keeper, own))
     assert keeper.keeper.commits == 1
 
@@ -93,7 +93,7 @@ def test_both_say_again_what_they_are_asked_for() -> None:
         said = tell(node, told) or puts(node.tick())
         own += said
     for sender, who, due in ((node, "process_0", own), (keeper, "keeper_0", its)):
-        asked = Repeat(who, 1, 1, len(due))
+        asked = RetransmitRange(who, 1, 1, len(due))
         assert puts(sender.receive(free_key("run", asked), encode(asked))) == due[1:]
     tell(node, tell(keeper, [*own, *own]))
     assert keeper.keeper.commits == 1
@@ -109,7 +109,7 @@ def test_modules_that_were_halted_go_on_when_nobody_says_so_again() -> None:
     over = Go(7, "over")
     said = puts(node.receive(free_key("run", over), encode(over)))
     assert node.movers[0].halted
-    while not (rests := [each for each in map(decoded, said) if isinstance(each, Rest)]):
+    while not (rests := [each for each in map(decoded, said) if isinstance(each, Halted)]):
         said = tell(node, tell(keeper, said)) or puts(node.tick())
     assert [rest.order for rest in rests] == [7]
     ticks = 0

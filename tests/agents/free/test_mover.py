@@ -15,11 +15,11 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
     Occupant,
-    Shown,
-    Shows,
+    PlaceState,
+    TileUpdate,
 )
 from cubepath.protocol.wire.keys import Tiles
 
@@ -31,12 +31,12 @@ TILES = Tiles(SCENE.system, 1)
 def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
     """Return a module of an epoch that has just sent its first attempt."""
     rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
-    mover = Mover(SCENE, TILES, rule, 0, birth=epoch, seed=1)
+    mover = Mover(SCENE, TILES, rule, 0, incarnation=epoch, seed=1)
     sensing = Sensing(SCENE.system, TILES)
     (tile,) = mover.needs
     sensing.need([tile], 0.0)
-    sensing.take(Shows(0, tile, 0, [Shown(SITE, 0, SITE, 0)], whole=True), 0.0)
-    assert mover.step(0.0, sensing) == [(0, Enter(0, epoch))]
+    sensing.take(TileUpdate(0, tile, 0, [PlaceState(SITE, 0, SITE, 0)], whole=True), 0.0)
+    assert mover.step(0.0, sensing) == [(0, EnterRequest(0, epoch))]
     mover.entered(Entered(epoch, SITE, Occupant(0, epoch, epoch, 0, [], 0)), 0.0)
     for now in range(100):
         for _, asked in mover.step(float(now), sensing):
@@ -51,9 +51,9 @@ def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:
     assert (attempt.epoch, attempt.number) == (2, 1)
     for epoch, number in ((1, 1), (3, 1), (2, 0), (2, 2)):
         for why in ("no", "fenced off: module_0 is in epoch 2"):
-            mover.decided(Decision(0, epoch, number, why=why), 100.0)
+            mover.decided(Decision(0, epoch, number, reason=why), 100.0)
             assert mover.state == "pending"
-    mover.decided(Decision(0, 2, 1, why="no"), 100.0)
+    mover.decided(Decision(0, 2, 1, reason="no"), 100.0)
     assert mover.state == "resting"
 
 
@@ -69,13 +69,15 @@ def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
 
     scene = scene_from_spec("agv:graph=P3,n=3")
     free = FreeRule("it relies on nothing", lambda _: choose, lambda _: 2)
-    mover = Mover(scene, Tiles(scene.system, 1), replace(RANDOM, free=free), 1, birth=1, seed=1)
+    mover = Mover(
+        scene, Tiles(scene.system, 1), replace(RANDOM, free=free), 1, incarnation=1, seed=1
+    )
     sensing = Sensing(scene.system, Tiles(scene.system, 1))
     (tile,) = mover.needs
     sensing.need([tile], 0.0)
     notes = ([7, 8], [1], [1, 2, 3])
-    places = [Shown(at, 0, at, number, notes[number]) for number, at in enumerate(scene.start)]
-    sensing.take(Shows(0, tile, 0, places, whole=True), 0.0)
+    places = [PlaceState(at, 0, at, number, notes[number]) for number, at in enumerate(scene.start)]
+    sensing.take(TileUpdate(0, tile, 0, places, whole=True), 0.0)
     mover.entered(Entered(1, scene.start[1], Occupant(1, 1, 1, 0, [1], 0)), 0.0)
     mover.step(0.0, sensing)
     assert heard == [{scene.start[0]: (7, 8)}]
@@ -85,7 +87,9 @@ def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
 def test_a_module_that_is_fenced_off_says_nothing_more() -> None:
     """Another process has entered for it; two would fence each other off for ever."""
     mover, sensing, attempt = _pending(1)
-    mover.decided(Decision(0, 1, attempt.number, why="fenced off: module_0 is in epoch 2"), 100.0)
+    mover.decided(
+        Decision(0, 1, attempt.number, reason="fenced off: module_0 is in epoch 2"), 100.0
+    )
     assert mover.due_s == inf
     mover.dirty = True
     assert mover.step(1e9, sensing) == []
@@ -100,7 +104,7 @@ def test_what_was_shown_before_an_answer_that_came_late_is_known() -> None:
     first, second, third = scene.system.places
     late = Entered(1, first, Occupant(0, 1, 1, 0, [], 0))
     for again in (False, True):
-        mover = Mover(scene, Tiles(scene.system, 1), rule, 0, birth=1, seed=1)
+        mover = Mover(scene, Tiles(scene.system, 1), rule, 0, incarnation=1, seed=1)
         mover.taken_to(third, 2)
         mover.taken_to(second, 1)
         mover.entered(late, 0.0)

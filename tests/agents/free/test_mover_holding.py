@@ -22,14 +22,14 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
     Decision,
     Entered,
     Held,
     Hold,
-    Moved,
     Occupant,
-    Shown,
-    Shows,
+    PlaceState,
+    TileUpdate,
 )
 from exploration.keeper_world import Dealt
 
@@ -52,12 +52,14 @@ class Alone:
     """A module, what is shown to it, and its clock."""
 
     def __init__(self, pace: Pace = AT_ONCE) -> None:
-        self.mover = Mover(SCENE, TILES, LAST, 0, birth=1, seed=1, pace=pace)
+        self.mover = Mover(SCENE, TILES, LAST, 0, incarnation=1, seed=1, pace=pace)
         self.sensing = Sensing(SCENE.system, TILES)
         self.sensing.need(sorted(self.mover.needs), 0.0)
         for tile in self.mover.needs:
-            parts = [Shown(SITE, 0, SITE, 0)] if tile == "0" else []
-            self.sensing.take(Shows(TILES.keeper_of_tile(tile), tile, 0, parts, whole=True), 0.0)
+            parts = [PlaceState(SITE, 0, SITE, 0)] if tile == "0" else []
+            self.sensing.take(
+                TileUpdate(TILES.keeper_of_tile(tile), tile, 0, parts, whole=True), 0.0
+            )
         self.now_s = 0.0
         self.mover.entered(Entered(1, SITE, Occupant(0, 1, 1, 0, [], 0)), 0.0)
 
@@ -72,7 +74,7 @@ class Alone:
         return attempt
 
     def refuse(self, attempt: Attempt) -> list[Ask]:
-        decision = Decision(0, attempt.epoch, attempt.number, why="no")
+        decision = Decision(0, attempt.epoch, attempt.number, reason="no")
         return self.mover.decided(decision, self.now_s)
 
     def miss(self) -> None:
@@ -148,8 +150,8 @@ def test_what_the_attempt_does_not_concern_is_let_go_with_it() -> None:
     chain = {TILES.keeper_of(0), TILES.keeper_of(target)}
     let_go = [keeper for keeper, each in asks if isinstance(each, Hold) and not each.ticks]
     assert let_go == sorted({0, 1, 2} - chain)
-    moved = Moved(1, 1, 0, 1, attempt.number, 1, 1, attempt.generator, attempt.at)
-    decision = Decision(0, 1, attempt.number, moved=moved)
+    moved = Commit(1, 1, 0, 1, attempt.number, 1, 1, attempt.generator, attempt.at)
+    decision = Decision(0, 1, attempt.number, commit=moved)
     assert alone.mover.decided(decision, alone.now_s) == []
     assert alone.mover.held(Held(0, 1, 3, []), 2, alone.now_s) == []
 
@@ -177,7 +179,7 @@ def test_what_changes_while_it_thinks_is_a_miss() -> None:
     assert alone.step() == []
     assert alone.mover.state == "thinking"
     target = _target(alone)
-    shown = Shown(target, 1, target, 7, [], 1)
+    shown = PlaceState(target, 1, target, 7, [], 1)
     alone.sensing.know([shown])
     asks = alone.step(THINK_S)
     assert [(keeper, each.ticks) for keeper, each in asks if isinstance(each, Hold)] == [
@@ -237,6 +239,6 @@ def test_staying_is_no_turn_unless_what_it_senses_was_held() -> None:
     alone.miss()
     alone.mover._misses = MISSES - 1
     for leaf in (1, 2, 3):
-        alone.sensing.know([Shown(leaf, 1, leaf, 4 + leaf, [], 1)])
+        alone.sensing.know([PlaceState(leaf, 1, leaf, 4 + leaf, [], 1)])
     assert alone.step(RETRY_S_MAX) == []
     assert alone.mover._misses == MISSES - 1

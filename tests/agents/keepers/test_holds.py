@@ -14,12 +14,12 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
     Held,
     Hold,
     Inquiry,
-    Passed,
 )
 from exploration.keeper_seats import check_keeper
 from exploration.keeper_world import Dealt, Part, letters_of
@@ -40,7 +40,7 @@ class Row:
         check_keeper(self.keeper)
         return [letter.part for letter in letters_of(self.keeper)]
 
-    def ask(self, part: Attempt | Enter | Hold) -> list[Part]:
+    def ask(self, part: Attempt | EnterRequest | Hold) -> list[Part]:
         self.keeper.ask(0, part)
         return self.said()
 
@@ -62,7 +62,7 @@ class Row:
     def prepare(self) -> None:
         """Let the move of module 2 from place 4 to place 5 be under way."""
         (passed,) = self.ask(go(2, 4, 5))
-        assert isinstance(passed, Passed)
+        assert isinstance(passed, Forwarded)
 
 
 def go(module: int, source: Site, target: Site, number: int = 1) -> Attempt:
@@ -86,7 +86,7 @@ def told(parts: list[Part]) -> list[tuple[str, int, int]]:
     ]
 
 
-REFUSED = Decision(2, 0, 1, why="no")
+REFUSED = Decision(2, 0, 1, reason="no")
 
 
 def test_what_is_held_is_told_as_it_is() -> None:
@@ -180,7 +180,7 @@ def test_late_and_doubled_requests_have_no_effect() -> None:
     assert row.hold(0, 3, 2) == [], "of the epoch before"
     assert row.keeper._holds[0].asked.epoch == 1
     row.hold(0, 2, epoch=1)
-    row.ask(Enter(1, 1))
+    row.ask(EnterRequest(1, 1))
     assert row.keeper.refused == 0
     row.ask(changed(go(1, 2, 3), epoch=1))
     assert row.hold(1, 1, 1) == [], "its attempt of a later epoch was seen"
@@ -191,7 +191,7 @@ def test_a_module_enters_where_it_is_held() -> None:
     """By itself or by another: nothing of it is under way."""
     row = Row()
     row.hold(1, 1, 0)
-    (entered,) = row.ask(Enter(0, 1))
+    (entered,) = row.ask(EnterRequest(0, 1))
     assert isinstance(entered, Entered)
 
 
@@ -211,7 +211,7 @@ def test_who_waits_for_a_hold_is_forbidden_when_its_lease_has_expired() -> None:
     first = Keeper(0, ROW, tiles, MemoryJournal())
     first.ask(0, go(0, 0, 1))
     (letter,) = letters_of(first)
-    assert isinstance(letter.part, Passed)
+    assert isinstance(letter.part, Forwarded)
     keeper.ask(1, Hold(1, 0, 1, [1, 2], 100))
     keeper.hear(0, letter.part)
     keeper.ask(2, go(2, 4, 3))
@@ -221,7 +221,7 @@ def test_who_waits_for_a_hold_is_forbidden_when_its_lease_has_expired() -> None:
     assert isinstance(inquiry, Inquiry)
     keeper.said()
     keeper.hear(0, inquiry)
-    assert [each.part for each in letters_of(keeper)] == [Decision(0, 0, 1, why=ABORTED)]
+    assert [each.part for each in letters_of(keeper)] == [Decision(0, 0, 1, reason=ABORTED)]
     check_keeper(keeper)
 
 
@@ -252,7 +252,7 @@ def test_who_waited_behind_an_attempt_that_is_forbidden_waits_no_more() -> None:
     first = Keeper(0, ROW, tiles, MemoryJournal())
     first.ask(1, changed(go(1, 2, 1), sensed=[(1, None), (2, 2), (3, None)]))
     (letter,) = letters_of(first)
-    assert isinstance(letter.part, Passed)
+    assert isinstance(letter.part, Forwarded)
     keeper.ask(0, Hold(0, 0, 1, [3], 100))
     keeper.hear(0, letter.part)
     keeper.ask(2, Hold(2, 0, 1, [2], 100))

@@ -17,8 +17,8 @@ from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
     Attempt,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
     Hold,
 )
 from exploration.keeper_seats import check_keeper
@@ -45,7 +45,7 @@ class Any3:
         self.asked: dict[int, Attempt | None] = dict.fromkeys(MODULES)
         self.epoch = dict.fromkeys(MODULES, 0)
         self.number = dict.fromkeys(MODULES, 0)
-        self.birth = dict.fromkeys(MODULES, 0)
+        self.incarnation = dict.fromkeys(MODULES, 0)
         self.holds: dict[int, list[Hold]] = {module: [] for module in MODULES}
 
     def step(  # noqa: C901, PLR0912 - a case for each kind
@@ -65,9 +65,9 @@ class Any3:
             case "let go":
                 self.hold(who, which % 2, [], 0)
             case "enter":
-                self.birth[who] += which % 2
+                self.incarnation[who] += which % 2
                 for each in self.keepers:
-                    each.ask(who, Enter(who, self.birth[who]))
+                    each.ask(who, EnterRequest(who, self.incarnation[who]))
             case "deliver" | "double" | "lose" if self.under_way:
                 number = which % len(self.under_way)
                 letter = self.under_way[number]
@@ -144,7 +144,9 @@ class Any3:
             asked = self.asked[part.module]
             if asked is not None and (asked.epoch, asked.number) == (part.epoch, part.number):
                 self.asked[part.module], self.number[part.module] = None, part.number
-        elif isinstance(part, Entered) and part.birth == self.birth[part.occupant.module]:
+        elif (
+            isinstance(part, Entered) and part.incarnation == self.incarnation[part.occupant.module]
+        ):
             module = part.occupant.module
             if part.occupant.epoch > self.epoch[module]:
                 self.epoch[module], self.number[module] = part.occupant.epoch, 0

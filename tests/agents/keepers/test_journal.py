@@ -24,32 +24,32 @@ from cubepath.agents.keepers.journal import (
 )
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Moved, Passed
+from cubepath.protocol.wire.free_messages import Attempt, Commit, Decision, EnterRequest, Forwarded
 from samples.free_runs import FreeRun
 
 Lines: TypeAlias = list[bytes]
 
 
-def opened(birth: int = 1, *, run: str = "run", keeper: int = 0) -> Opened:
+def opened(incarnation: int = 1, *, run: str = "run", keeper: int = 0) -> Opened:
     """Return the keeper that opens a log."""
-    return Opened(run, keeper, birth)
+    return Opened(run, keeper, incarnation)
 
 
-def _passed(number: int) -> Passed:
-    return Passed(Attempt(0, 0, number, 0, [0, 0]), 0, 0, [], [], [], [], [])
+def _passed(number: int) -> Forwarded:
+    return Forwarded(Attempt(0, 0, number, 0, [0, 0]), 0, 0, [], [], [], [], [])
 
 
 def _committed(serial: int) -> Committed:
-    moved = Moved(0, serial, 0, 0, serial, 0, 1)
-    return Committed(_passed(serial), Decision(0, 0, serial, moved=moved))
+    moved = Commit(0, serial, 0, 0, serial, 0, 1)
+    return Committed(_passed(serial), Decision(0, 0, serial, commit=moved))
 
 
 RECORDS: list[Record] = [
     Prepared(_passed(1)),
     _committed(1),
     Acknowledged(1, 0, 0, 1),
-    Decided(Decision(0, 0, 2, why="refused")),
-    JoinedRecord(Enter(0, 1)),
+    Decided(Decision(0, 0, 2, reason="refused")),
+    JoinedRecord(EnterRequest(0, 1)),
     _committed(2),
 ]
 
@@ -143,8 +143,8 @@ def _lines(path: Path, keeper: int = 0, run: str = "run") -> Lines:
     """Return the lines of its log, which was opened twice."""
     records = _records(keeper)
     half = len(records) // 2
-    for birth, part in ((1, records[:half]), (2, records[half:])):
-        with FileJournal(path, opened(birth, run=run, keeper=keeper)) as journal:
+    for incarnation, part in ((1, records[:half]), (2, records[half:])):
+        with FileJournal(path, opened(incarnation, run=run, keeper=keeper)) as journal:
             for record in part:
                 journal.append(record)
     return path.read_bytes().splitlines(keepends=True)
@@ -226,13 +226,15 @@ def test_a_log_that_was_written_anew_is_believed_or_refused(tmp_path: Path) -> N
     assert all(re.fullmatch(r".* of keeper_0 cannot follow .*, expected .*", e) for e in refusals)
 
 
-def test_a_log_is_opened_by_later_births_alone(tmp_path: Path) -> None:
-    """An older file with the births of its folder is noticed, and one with too few commits."""
+def test_a_log_is_opened_by_later_incarnations_alone(tmp_path: Path) -> None:
+    """An older file of incarnations is noticed, and one with too few commits."""
     path = tmp_path / "log"
     with FileJournal(path, opened(2)) as journal:
         _filled(journal)
     before = path.read_bytes()
-    with pytest.raises(InputError, match="log: was opened in birth 2, expected one before birth 2"):
+    with pytest.raises(
+        InputError, match="log: was opened in incarnation 2, expected one before incarnation 2"
+    ):
         FileJournal(path, opened(2))
     with pytest.raises(InputError, match="log: has 2 commits, expected the 3 that were heard of"):
         FileJournal(path, opened(3), commits=3)

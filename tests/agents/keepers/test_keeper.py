@@ -20,19 +20,19 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
+    CommitLog,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
+    Forwards,
     Inquiry,
-    Look,
-    Moved,
-    Passed,
-    Passes,
+    PlaceState,
+    Replies,
     Settled,
-    Shown,
-    Shows,
-    Tail,
-    Tells,
+    TileQuery,
+    TileUpdate,
 )
 from exploration.keeper_world import Dealt
 
@@ -55,11 +55,11 @@ class Pair:
         """Return what a keeper has to say, announcements apart."""
         found: list[Any] = []
         for message in self.keepers[me].said():
-            if isinstance(message, Passes | Tells):
+            if isinstance(message, Forwards | Replies):
                 found += message.parts
         return found
 
-    def ask(self, me: int, part: Attempt | Enter | Look, process: int = 0) -> list[Any]:
+    def ask(self, me: int, part: Attempt | EnterRequest | TileQuery, process: int = 0) -> list[Any]:
         self.keepers[me].ask(process, part)
         return self.parts(me)
 
@@ -86,11 +86,11 @@ def test_an_attempt_passes_and_is_committed() -> None:
     """The last keeper logs it, tells the module and the keeper before, which follows."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
-    assert isinstance(passed, Passed)
+    assert isinstance(passed, Forwarded)
     told, decision = pair.hear(1, passed)[::-1]
     assert told == decision
-    assert decision.moved.motion == [(0, 1, 0, 1)]
-    assert decision.moved.level == 1
+    assert decision.commit.motion == [(0, 1, 0, 1)]
+    assert decision.commit.level == 1
     assert pair.keepers[0].units.shows(1) == 1
     assert pair.hear(0, decision) == []
     assert pair.keepers[0].units.shows(1) is None
@@ -119,11 +119,11 @@ def test_a_refusal_is_remembered() -> None:
     """Also when what was sensed holds later, and after a crash."""
     pair = Pair()
     (committed,) = pair.ask(1, attempt(1), 1)
-    assert committed.moved is not None
+    assert committed.commit is not None
     (passed,) = pair.ask(0, attempt(0))
     refusals = pair.hear(1, passed)
-    assert [each.moved for each in refusals] == [None, None]
-    assert refusals[0].why == "0 shows 0, None was sensed"
+    assert [each.commit for each in refusals] == [None, None]
+    assert refusals[0].reason == "0 shows 0, None was sensed"
     pair.crash(1)
     assert pair.hear(1, passed) == refusals[:1]
     assert pair.hear(0, refusals[0]) == refusals[:1], "the first keeper tells the module as well"
@@ -137,15 +137,15 @@ def test_who_came_first_is_served_first() -> None:
     keeper = Keeper(0, STAR, other, MemoryJournal())
     keeper.ask(0, attempt(0))
     (passes,) = keeper.said()
-    assert isinstance(passes, Passes)
+    assert isinstance(passes, Forwards)
     keeper.ask(1, attempt(1))
     assert keeper.said() == []
     keeper.ask(1, attempt(1))
     assert keeper.said() == [], "nor when it asks again"
     assert list(keeper._waiting) == [1]
-    keeper.hear(1, Decision(0, 0, 1, why="no"))
-    parts = [part for each in keeper.said() if isinstance(each, Passes) for part in each.parts]
-    assert [part.attempt.module for part in parts if isinstance(part, Passed)] == [1]
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    parts = [part for each in keeper.said() if isinstance(each, Forwards) for part in each.parts]
+    assert [part.attempt.module for part in parts if isinstance(part, Forwarded)] == [1]
     assert not keeper._waiting
     assert not pair.keepers[0]._waiting
 
@@ -159,15 +159,15 @@ def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
     keeper.ask(1, attempt(1, epoch=1))
     keeper.said()
     keeper.ask(1, attempt(1))
-    keeper.hear(1, Decision(0, 0, 1, why="no"))
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
     keeper.said()
     assert keeper._prepared[1].passed.attempt.epoch == 1
     keeper.ask(1, attempt(1))
     (tells,) = keeper.said()
-    assert isinstance(tells, Tells)
+    assert isinstance(tells, Replies)
     (told,) = tells.parts
     assert isinstance(told, Decision)
-    assert told.why == "fenced off: a later epoch has begun"
+    assert told.reason == "fenced off: a later epoch has begun"
 
 
 def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
@@ -180,14 +180,14 @@ def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
     assert pair.ticks(0, 2 * LEASE_TICKS - 1) == [], "ever more rarely"
     assert pair.ticks(0, 1) == [inquiry]
     (aborted,) = pair.hear(1, inquiry)
-    assert aborted == Decision(0, 0, 1, why=ABORTED)
+    assert aborted == Decision(0, 0, 1, reason=ABORTED)
     pair.crash(1)
     assert pair.hear(1, passed) == [aborted]
     assert pair.hear(0, aborted) == [aborted]
     assert not pair.keepers[0]._exclusive
     (again,) = pair.ask(0, attempt(0, 2))
     assert pair.ticks(0, 2 * LEASE_TICKS) == [], "it waits longer for who was late"
-    assert pair.hear(1, again)[0].moved is not None
+    assert pair.hear(1, again)[0].commit is not None
 
 
 def test_what_waits_at_the_last_keeper_is_not_forbidden() -> None:
@@ -199,20 +199,20 @@ def test_what_waits_at_the_last_keeper_is_not_forbidden() -> None:
     keeper.ask(1, attempt(1))
     first.ask(0, attempt(0))
     (passes,) = first.said()
-    assert isinstance(passes, Passes)
+    assert isinstance(passes, Forwards)
     keeper.hear(0, passes.parts[0])
     keeper.said()
     keeper.hear(0, Inquiry(0, 0, 1))
     assert keeper.said() == []
-    keeper.hear(2, Decision(1, 0, 1, why="no"))
+    keeper.hear(2, Decision(1, 0, 1, reason="no"))
     assert keeper.commits == 1
     keeper.said()
     keeper.hear(0, Inquiry(0, 0, 1))
     (said,) = keeper.said()
-    assert isinstance(said, Passes)
+    assert isinstance(said, Forwards)
     (decision,) = said.parts
     assert isinstance(decision, Decision)
-    assert decision.moved is not None
+    assert decision.commit is not None
     assert not pair.keepers[1].busy
 
 
@@ -241,23 +241,23 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
 
 
 def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
-    """Its keeper asks what became of that first; an earlier birth is fenced off by a later one."""
+    """Its keeper asks what became of that first; a later incarnation fences off an earlier one."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
-    assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 1)]
-    pair.hear(0, Decision(0, 0, 1, why="no"))
-    (entered,) = pair.ask(0, Enter(0, 1))
+    assert pair.ask(0, EnterRequest(0, 1)) == [Inquiry(0, 0, 1)]
+    pair.hear(0, Decision(0, 0, 1, reason="no"))
+    (entered,) = pair.ask(0, EnterRequest(0, 1))
     assert isinstance(entered, Entered)
-    assert (entered.birth, entered.site, entered.occupant.epoch) == (1, 1, 1)
-    assert pair.ask(0, Enter(0, 1)) == [entered]
+    assert (entered.incarnation, entered.site, entered.occupant.epoch) == (1, 1, 1)
+    assert pair.ask(0, EnterRequest(0, 1)) == [entered]
     pair.crash(0)
-    assert pair.ask(0, Enter(0, 1)) == [entered]
-    (second,) = pair.ask(0, Enter(0, 2))
+    assert pair.ask(0, EnterRequest(0, 1)) == [entered]
+    (second,) = pair.ask(0, EnterRequest(0, 2))
     assert second.occupant.epoch == 2
-    assert pair.ask(0, Enter(0, 1)) == []
-    assert pair.ask(1, Enter(0, 3)) == []
+    assert pair.ask(0, EnterRequest(0, 1)) == []
+    assert pair.ask(1, EnterRequest(0, 3)) == []
     (refused,) = pair.ask(0, attempt(0, 1, epoch=1))
-    assert refused.why == "fenced off: module_0 is in epoch 2"
+    assert refused.reason == "fenced off: module_0 is in epoch 2"
     assert passed.attempt.epoch == 0
 
 
@@ -277,7 +277,7 @@ def test_what_is_none_of_its_business_is_counted() -> None:
     ]
     for part in wrong:
         assert pair.ask(0, part) == []
-    pair.keepers[0].ask(0, Look("0", -1))
+    pair.keepers[0].ask(0, TileQuery("0", -1))
     assert pair.keepers[0].refused == len(wrong) + 1
     (passed,) = pair.ask(0, attempt(0))
     pair.keepers[1].hear(2, passed)
@@ -291,19 +291,19 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
     """Unless it is known; each change is shown with its number."""
     pair = Pair()
     keeper = pair.keepers[1]
-    keeper.ask(0, Look("2", -1))
+    keeper.ask(0, TileQuery("2", -1))
     (shows,) = keeper.said()
-    assert isinstance(shows, Shows)
+    assert isinstance(shows, TileUpdate)
     assert (shows.whole, shows.serial, shows.parts[0].module) == (True, 0, 1)
-    keeper.ask(0, Look("2", 0))
+    keeper.ask(0, TileQuery("2", 0))
     assert keeper.said() == []
     keeper.ask(1, attempt(1))
-    changes = [each for each in keeper.said() if isinstance(each, Shows)]
+    changes = [each for each in keeper.said() if isinstance(each, TileUpdate)]
     assert [(each.tile, each.serial, each.whole) for each in changes] == [
         ("0", 1, False),
         ("2", 1, False),
     ]
-    assert [each.parts for each in changes] == [[Shown(0, 1, 0, 1, [], 1)], [Shown(2, 1)]]
+    assert [each.parts for each in changes] == [[PlaceState(0, 1, 0, 1, [], 1)], [PlaceState(2, 1)]]
 
 
 def test_commits_are_fetched_some_at_a_time() -> None:
@@ -320,15 +320,15 @@ def test_commits_are_fetched_some_at_a_time() -> None:
     keeper.fetch(0)
     keeper.fetch(FETCH_MAX)
     first, rest = keeper.said()
-    assert isinstance(first, Tail)
-    assert isinstance(rest, Tail)
+    assert isinstance(first, CommitLog)
+    assert isinstance(rest, CommitLog)
     assert [each.serial for each in first.parts] == [*range(1, FETCH_MAX + 1)]
     assert [each.serial for each in rest.parts] == [FETCH_MAX + 1, FETCH_MAX + 2]
     assert [each.level for each in rest.parts] == [FETCH_MAX + 1, FETCH_MAX + 2]
     assert first.units == []
     last = FETCH_MAX + 2
     assert rest.units == [(0, last, last, 0, None), (2, last, last, 0, 2)]
-    assert isinstance(rest.parts[0], Moved)
+    assert isinstance(rest.parts[0], Commit)
 
 
 def test_registers_are_exchanged_at_once() -> None:
@@ -336,19 +336,19 @@ def test_registers_are_exchanged_at_once() -> None:
     pair = Pair()
     own = Attempt(0, 0, 1, 0, 1, notes=[(1, [], [5])])
     (told,) = pair.ask(0, own)
-    assert told.moved.notes == [(1, 0, 1, [5])]
-    assert told.moved.level == 0
+    assert told.commit.notes == [(1, 0, 1, [5])]
+    assert told.commit.level == 0
     exchange = Attempt(0, 0, 2, 0, 1, notes=[(1, [5], None), (2, [], [7])])
     (passed,) = pair.ask(0, exchange)
-    assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 2)], "what has to hold is locked"
+    assert pair.ask(0, EnterRequest(0, 1)) == [Inquiry(0, 0, 2)], "what has to hold is locked"
     decision = pair.hear(1, passed)[0]
-    assert decision.moved.notes == [(1, 0, 1, None), (2, 1, 1, [7])]
+    assert decision.commit.notes == [(1, 0, 1, None), (2, 1, 1, [7])]
     pair.hear(0, decision)
     notes = [pair.keepers[0].units.occupant(1), pair.keepers[1].units.occupant(2)]
     assert [each.note for each in notes if each is not None] == [[5], [7]]
     assert [each.version for each in notes if each is not None] == [1, 1]
     (refused,) = pair.ask(0, Attempt(0, 0, 3, 0, 1, notes=[(1, [6], [7])]))
-    assert refused.why == "the register at 1 is [5], [6] was sensed"
+    assert refused.reason == "the register at 1 is [5], [6] was sensed"
     assert not pair.keepers[0]._shared
 
 
@@ -360,7 +360,7 @@ def test_a_refusal_is_told_when_asked_and_stays_the_last_word() -> None:
     refusal = pair.hear(1, passed)[0]
     assert pair.hear(1, Inquiry(0, 0, 2)) == [refusal]
     records = len([*pair.journals[1].records()])
-    assert pair.hear(1, Inquiry(0, 0, 1)) == [Decision(0, 0, 1, why=ABORTED)]
+    assert pair.hear(1, Inquiry(0, 0, 1)) == [Decision(0, 0, 1, reason=ABORTED)]
     assert len([*pair.journals[1].records()]) == records
     assert pair.hear(1, passed) == [refusal]
 
@@ -369,10 +369,10 @@ def test_a_lease_is_short_again_after_another_outcome() -> None:
     """It is longer only after an attempt that was given up."""
     pair = Pair()
     pair.ask(0, attempt(0))
-    pair.hear(0, Decision(0, 0, 1, why=ABORTED))
+    pair.hear(0, Decision(0, 0, 1, reason=ABORTED))
     pair.ask(0, attempt(0, 2))
     assert pair.ticks(0, LEASE_TICKS) == []
-    pair.hear(0, Decision(0, 0, 2, why="no"))
+    pair.hear(0, Decision(0, 0, 2, reason="no"))
     pair.ask(0, attempt(0, 3))
     assert pair.ticks(0, LEASE_TICKS) == [Inquiry(0, 0, 3)]
 
@@ -406,9 +406,9 @@ def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
     assert list(keeper._waiting) == [1, 2]
     assert keeper.commits == 0
     keeper.said()
-    keeper.hear(1, Decision(0, 0, 1, why="no"))
-    told = [part for each in keeper.said() if isinstance(each, Tells) for part in each.parts]
-    assert [(each.module, each.why) for each in told if isinstance(each, Decision)] == [
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    told = [part for each in keeper.said() if isinstance(each, Replies) for part in each.parts]
+    assert [(each.module, each.reason) for each in told if isinstance(each, Decision)] == [
         (0, "no"),
         (1, ""),
         (2, "2 shows None, 2 was sensed"),

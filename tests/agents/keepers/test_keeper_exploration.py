@@ -12,7 +12,7 @@ from cubepath.agents.keepers.keeper import Keeper, _Hold, _Last, _Pending
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Enter, Inquiry
+from cubepath.protocol.wire.free_messages import EnterRequest, Inquiry
 from exploration.keeper_explorer import Broken, Explorer
 from exploration.keeper_world import Faults, Scenario
 
@@ -177,7 +177,7 @@ class _Unfenced(Keeper):
 class _Open(Keeper):
     """Lets a module enter while a move of it is under way."""
 
-    def _enter(self, process: int, enter: Enter) -> None:
+    def _enter(self, process: int, enter: EnterRequest) -> None:
         locks, self._exclusive = self._exclusive, {}
         super()._enter(process, enter)
         self._exclusive = locks

@@ -9,15 +9,15 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import TICK_S, KeeperNode
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
-    Asks,
-    Enter,
-    Fetch,
+    CommitLog,
+    CommitQuery,
+    EnterRequest,
+    Forwards,
     FreeMessage,
     Inquiry,
-    Look,
-    Passes,
-    Tail,
-    Tells,
+    Replies,
+    Requests,
+    TileQuery,
     decode_free,
     free_key,
 )
@@ -45,10 +45,10 @@ def test_a_keeper_listens_answers_and_ends() -> None:
     keeper = node()
     (listen,) = keeper.start()
     assert isinstance(listen, Listen)
-    (tells,) = said(keeper, Asks(1, 0, [Enter(1, 1)]))
-    assert isinstance(tells, Tells)
-    (tail,) = said(keeper, Fetch(0, 0))
-    assert isinstance(tail, Tail)
+    (tells,) = said(keeper, Requests(1, 0, [EnterRequest(1, 1)]))
+    assert isinstance(tells, Replies)
+    (tail,) = said(keeper, CommitQuery(0, 0))
+    assert isinstance(tail, CommitLog)
     assert tail.refused == 0
     stop = Go(0, "stop")
     assert keeper.receive(free_key("run", stop), encode(stop)) == [Timer(None), End()]
@@ -57,18 +57,21 @@ def test_a_keeper_listens_answers_and_ends() -> None:
 @pytest.mark.parametrize(
     ("key", "data"),
     [
-        ("cubepath/run/ask/0/process_1", b"{"),
-        ("cubepath/run/ask/0/process_1", b" " * (MESSAGE_BYTES_MAX + 1)),
-        ("cubepath/run/ask/0/process_1", b'{"kind":"ask","process":1,"keeper":0,"parts":[{}]}'),
-        ("cubepath/run/ask/0/process_0", encode(Asks(1, 0, [Enter(1, 1)]))),
-        ("cubepath/other/ask/0/process_1", encode(Asks(1, 0, [Enter(1, 1)]))),
-        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Enter(1, 1)]))),
-        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Enter(7, 1)]))),
-        ("cubepath/run/ask/1/process_0", encode(Asks(0, 1, [Enter(0, 1)]))),
-        ("cubepath/run/pass/1/keeper_0", encode(Passes(0, 1, [Inquiry(0, 0, 1)]))),
-        ("cubepath/run/fetch/1/coordinator", encode(Fetch(1, 0))),
-        ("cubepath/run/tell/0/keeper_0", encode(Tells(0, 0, []))),
-        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Look("1", -1)]))),
+        ("cubepath/run/requests/0/process_1", b"{"),
+        ("cubepath/run/requests/0/process_1", b" " * (MESSAGE_BYTES_MAX + 1)),
+        (
+            "cubepath/run/requests/0/process_1",
+            b'{"kind":"requests","process":1,"keeper":0,"parts":[{}]}',
+        ),
+        ("cubepath/run/requests/0/process_0", encode(Requests(1, 0, [EnterRequest(1, 1)]))),
+        ("cubepath/other/requests/0/process_1", encode(Requests(1, 0, [EnterRequest(1, 1)]))),
+        ("cubepath/run/requests/0/process_0", encode(Requests(0, 0, [EnterRequest(1, 1)]))),
+        ("cubepath/run/requests/0/process_0", encode(Requests(0, 0, [EnterRequest(7, 1)]))),
+        ("cubepath/run/requests/1/process_0", encode(Requests(0, 1, [EnterRequest(0, 1)]))),
+        ("cubepath/run/forwards/1/keeper_0", encode(Forwards(0, 1, [Inquiry(0, 0, 1)]))),
+        ("cubepath/run/fetch/1/coordinator", encode(CommitQuery(1, 0))),
+        ("cubepath/run/replies/0/keeper_0", encode(Replies(0, 0, []))),
+        ("cubepath/run/requests/0/process_0", encode(Requests(0, 0, [TileQuery("1", -1)]))),
     ],
 )
 def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: bytes) -> None:
@@ -79,7 +82,7 @@ def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: b
     keeper.start()
     assert keeper.receive(key, data) == []
     assert keeper.keeper.refused == 1
-    assert not keeper.keeper.units.occupant(SCENE.start[1]).birth  # type: ignore[union-attr]
+    assert not keeper.keeper.units.occupant(SCENE.start[1]).incarnation  # type: ignore[union-attr]
     assert not keeper.keeper.commits
 
 
@@ -89,7 +92,7 @@ def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: b
 def test_a_keeper_shows_nothing_of_what_is_no_tile(tile: str) -> None:
     """What is asked for becomes a key: no one asks for one that is not, or that all listen to."""
     keeper = node()
-    assert said(keeper, Asks(0, 0, [Look(tile, -1)])) == []
+    assert said(keeper, Requests(0, 0, [TileQuery(tile, -1)])) == []
     assert keeper.keeper.refused == 1
 
 

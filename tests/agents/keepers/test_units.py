@@ -14,7 +14,7 @@ from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Decision, Moved, Passes, Tells
+from cubepath.protocol.wire.free_messages import Commit, Decision, Forwards, Replies
 from cubepath.protocol.wire.keys import Tiles
 
 SPECS = (
@@ -41,7 +41,7 @@ class Together:
         self.keepers = [
             Keeper(me, self.scene, self.tiles, journal) for me, journal in enumerate(self.journals)
         ]
-        self.moved: list[Moved] = []
+        self.moved: list[Commit] = []
         self.told: list[Decision] = []
 
     def go_on(self) -> None:
@@ -49,12 +49,12 @@ class Together:
         while True:
             said = [message for keeper in self.keepers for message in keeper.said()]
             for message in said:
-                if isinstance(message, Passes):
+                if isinstance(message, Forwards):
                     for part in message.parts:
                         self.keepers[message.to].hear(message.keeper, part)
-                elif isinstance(message, Tells):
+                elif isinstance(message, Replies):
                     self.told += [part for part in message.parts if isinstance(part, Decision)]
-                elif isinstance(message, Moved):
+                elif isinstance(message, Commit):
                     self.moved.append(message)
             if not said:
                 return
@@ -124,7 +124,7 @@ def test_keepers_come_to_the_same_state_as_the_moves(spec: str) -> None:
         assert run.keepers[me].units.touched() == before.touched()
         assert run.keepers[me].units.serials == before.serials
     _agree(run, sites)
-    assert all(decision.moved is not None for decision in run.told)
+    assert all(decision.commit is not None for decision in run.told)
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import addressees
 from cubepath.protocol.wire.messages import (
     Claim,
-    Here,
     Message,
     Note as NoteMessage,
+    Presence,
     Report,
     Verdict,
 )
@@ -232,7 +232,7 @@ def test_a_late_message_is_never_taken_silently() -> None:
     core.sense(1)
     core.observation()
     with pytest.raises(ProtocolError, match="came late"):
-        core.hear(Here(1, 1, (1, 0)))
+        core.hear(Presence(1, 1, (1, 0)))
     with pytest.raises(ProtocolError, match="came late"):
         core.hear(Claim(0, 1, (1, 0), "pivot-0-left", (1, 0)))
     with pytest.raises(ProtocolError, match="no move from there"):
@@ -243,12 +243,12 @@ def test_an_early_message_is_never_taken_silently() -> None:
     """Whoever gives a module its messages keeps those of later rounds until then."""
     core = core_of("hex:n=3")
     core.sense(1)
-    early = "here of module_1 for round 2 came early, in phase sense of round 1"
+    early = "presence of module_1 for round 2 came early, in phase sense of round 1"
     with pytest.raises(ProtocolError, match=early):
-        core.hear(Here(2, 1, (1, 0)))
+        core.hear(Presence(2, 1, (1, 0)))
 
 
-LAST_PHASES = {"here": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
+LAST_PHASES = {"presence": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
 """The last phase of a round in which a kind of message still counts."""
 
 
@@ -266,7 +266,7 @@ def test_each_kind_of_message_has_its_last_phase(kind: str, phase: str) -> None:
     if phase == "report":
         core.report()
     messages: dict[str, Message] = {
-        "here": Here(1, 1, 2),
+        "presence": Presence(1, 1, 2),
         "note": NoteMessage(1, 1, 2, [7]),
         "claim": Claim(1, 1, 2, "edge", [1, 2]),
         "verdict": Verdict(1, 1, 2, granted=True, to=[0]),
@@ -284,10 +284,17 @@ def test_each_kind_of_message_has_its_last_phase(kind: str, phase: str) -> None:
 def test_a_report_tells_what_was_heard_in_an_order_of_its_own() -> None:
     """By kind, then by module, whatever the order of arrival."""
     said: list[Message] = [
-        *(Here(1, module, module) for module in (1, 2, 10)),
+        *(Presence(1, module, module) for module in (1, 2, 10)),
         *(Claim(1, module, module, "edge", [0, module]) for module in (1, 2, 10)),
     ]
-    expected = [("claim", 1), ("claim", 2), ("claim", 10), ("here", 1), ("here", 2), ("here", 10)]
+    expected = [
+        ("claim", 1),
+        ("claim", 2),
+        ("claim", 10),
+        ("presence", 1),
+        ("presence", 2),
+        ("presence", 10),
+    ]
     for order in (said, said[::-1]):
         core = core_of("agv:graph=K11,n=1")
         core.sense(1)
@@ -304,7 +311,7 @@ def test_an_action_that_is_not_in_the_mask_is_refused(action: int) -> None:
     """A module claims nothing that it has not found admissible itself."""
     core = core_of("agv:graph=P3,n=1")
     core.sense(1)
-    core.hear(Here(1, 1, 1))
+    core.hear(Presence(1, 1, 1))
     core.observation()
     with pytest.raises(ProtocolError, match=f"module_0: action {action} is not in its mask"):
         core.claim(action, None)

@@ -18,7 +18,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import Again, Go, Message, Report, Reports, Said, encode
+from cubepath.protocol.wire.messages import Bundle, Go, Message, Report, Reports, Retransmit, encode
 from cubepath.protocol.wire.nodes import Effect, Put, Timer
 from exploration.explorer import FAULTS, BrokenError, Explored, Explorer, Fault
 from samples.short_runs import RUN, Coordinator, ShortRun
@@ -101,8 +101,8 @@ def test_the_runs_have_something_to_settle() -> None:
     for run in RUNS.values():
         reports = run.reports()
         assert {report.claim for report in reports} >= {"granted", "lost"}
-        assert any("verdict" in report.heard for report in reports)
-    told = [report.heard for report in RUNS["notes"].reports()]
+        assert any("verdict" in report.received for report in reports)
+    told = [report.received for report in RUNS["notes"].reports()]
     assert any("note" in heard for heard in told)
 
 
@@ -154,7 +154,7 @@ def test_three_processes_bear_a_message_lost_late_or_doubled() -> None:
 class _Forgetful(HostNode):
     """Says nothing again."""
 
-    def _repeated(self, again: Again) -> Iterable[Put]:
+    def _repeated(self, again: Retransmit) -> Iterable[Put]:
         del again
         return ()
 
@@ -162,7 +162,7 @@ class _Forgetful(HostNode):
 class _Credulous(HostNode):
     """Takes every double for another message."""
 
-    def _hear(self, said: Said) -> list[Effect]:
+    def _hear(self, said: Bundle) -> list[Effect]:
         self._copies = getattr(self, "_copies", 0) + 1
         return super()._hear(replaced(said, number=self._copies))
 

@@ -11,24 +11,24 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
-    Act,
-    Acts,
-    Again,
+    Bundle,
+    ChosenAction,
+    ChosenActions,
     Claim,
     Cube,
     Edges,
     Go,
-    Here,
     Message,
+    ModuleObservation,
     Note,
     Observations,
-    Observed,
     Part,
+    Presence,
     Ready,
     Report,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Verdict,
     Waiting,
     encode,
@@ -50,15 +50,15 @@ def read(message: Message, key: str | None = None) -> Message:
     return judge().read(key_of(RUN, message) if key is None else key, encode(message))
 
 
-def said(*parts: Part, phase: str = "sense", number: int = 0, process: int = 1) -> Said:
+def said(*parts: Part, phase: str = "sense", number: int = 0, process: int = 1) -> Bundle:
     """Return what is said in round 4."""
-    return Said(4, phase, process, "0", number, list(parts))  # type: ignore[arg-type]
+    return Bundle(4, phase, process, "0", number, list(parts))  # type: ignore[arg-type]
 
 
 def why_not(message: Any, **given: Any) -> tuple[str, str]:
     """Return the reason why a message of modules is refused, and the line."""
     with pytest.raises(RefusedError) as caught:
-        if isinstance(message, Said):
+        if isinstance(message, Bundle):
             judge(**given).heard(message)
         else:
             judge(**given).check_whole(message)
@@ -68,11 +68,11 @@ def why_not(message: Any, **given: Any) -> tuple[str, str]:
 
 TRUE: list[Message] = [
     Ready(4, 1, "sense", {"0": 1}),
-    said(Here(4, 1, 3)),
+    said(Presence(4, 1, 3)),
     Reports(4, 1, []),
     Observations(4, 0, []),
-    Acts(4, 0, []),
-    Again(4, 1, "sense", "0"),
+    ChosenActions(4, 0, []),
+    Retransmit(4, 1, "sense", "0"),
     Waiting(4, 1, "sense"),
     Go(4, "claim"),
     Reset(4, 9),
@@ -139,7 +139,7 @@ def test_the_largest_message_is_read() -> None:
     assert judge().read("cubepath/run/waiting/process_1", data) == Waiting(4, 1, "sense")
 
 
-@pytest.mark.parametrize("message", [Here(4, 1, 3), Cube(4, 1, []), Act(4, 1, 0, [])])
+@pytest.mark.parametrize("message", [Presence(4, 1, 3), Cube(4, 1, []), ChosenAction(4, 1, 0, [])])
 def test_parts_and_results_are_not_on_the_wire(message: Message) -> None:
     """Parts travel in a message of their process."""
     with pytest.raises(RefusedError, match=r"is on record, and never on the wire$"):
@@ -148,7 +148,7 @@ def test_parts_and_results_are_not_on_the_wire(message: Message) -> None:
 
 def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
     """In the order of the parts; two kinds of one module are two things."""
-    message = said(Here(4, 2, 7), Here(4, 0, 3.0), Note(4, 0, 3, [5]), process=0)
+    message = said(Presence(4, 2, 7), Presence(4, 0, 3.0), Note(4, 0, 3, [5]), process=0)
     heard = judge(note_length=1).heard(message)
     assert heard.said == message
     assert heard.senders == (7, 3, 3)
@@ -157,25 +157,41 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
 @pytest.mark.parametrize(
     ("message", "reason", "why"),
     [
-        (said(Here(4, 0, 3)), "foreign", "here of module_0, who is not in process_1"),
-        (said(Here(4, 3, 3)), "foreign", "here of module_3, who is not in process_1"),
+        (said(Presence(4, 0, 3)), "foreign", "presence of module_0, who is not in process_1"),
+        (said(Presence(4, 3, 3)), "foreign", "presence of module_3, who is not in process_1"),
         (
-            said(Here(5, 1, 3)),
+            said(Presence(5, 1, 3)),
             "out of place",
-            "here of module_1 of round 5, said in phase sense of round 4",
+            "presence of module_1 of round 5, said in phase sense of round 4",
         ),
         (
-            said(Here(4, 1, 3), phase="claim"),
+            said(Presence(4, 1, 3), phase="claim"),
             "out of place",
-            "here of module_1 of round 4, said in",
+            "presence of module_1 of round 4, said in",
         ),
         (said(Note(4, 1, 3, []), phase="claim"), "out of place", "note of module_1 of round 4"),
         (said(Claim(4, 1, 3, "edge", [3, 4])), "out of place", "claim of module_1 of round 4"),
         (said(Verdict(4, 1, 3, True, [])), "out of place", "verdict of module_1 of round 4"),
-        (said(Here(4, 1, 3), Here(4, 1, 3)), "doubled", "process_1 says something twice in one"),
-        (said(Here(4, 1, 20)), "impossible", "here of module_1: 20 is no place of a module"),
-        (said(Here(4, 1, None)), "impossible", "here of module_1: None is no place of a module"),
-        (said(Here(4, 1, ["x"] * 99)), "impossible", f"here of module_1: {['x'] * 99!r:.80}... is"),
+        (
+            said(Presence(4, 1, 3), Presence(4, 1, 3)),
+            "doubled",
+            "process_1 says something twice in one",
+        ),
+        (
+            said(Presence(4, 1, 20)),
+            "impossible",
+            "presence of module_1: 20 is no place of a module",
+        ),
+        (
+            said(Presence(4, 1, None)),
+            "impossible",
+            "presence of module_1: None is no place of a module",
+        ),
+        (
+            said(Presence(4, 1, ["x"] * 99)),
+            "impossible",
+            f"presence of module_1: {['x'] * 99!r:.80}... is",
+        ),
         (
             said(Claim(4, 1, 3, "edge", [4, 5]), phase="claim"),
             "impossible",
@@ -205,7 +221,7 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
         ),
     ],
 )
-def test_what_modules_cannot_say_is_refused(message: Said, reason: str, why: str) -> None:
+def test_what_modules_cannot_say_is_refused(message: Bundle, reason: str, why: str) -> None:
     """By the run and the system alone."""
     found = why_not(message)
     assert found[0] == reason
@@ -236,7 +252,7 @@ def test_notes_have_their_length_and_no_number_that_stands_for_none() -> None:
 def test_a_label_of_the_scene_belongs_to_a_site(site: object) -> None:
     """A place alone is no site of a labelled system; verdicts go to places."""
     spec = "agv-labelled:graph=grid3x3,n=3"
-    assert judge(spec).heard(said(Here(4, 1, site))).senders
+    assert judge(spec).heard(said(Presence(4, 1, site))).senders
     assert judge(spec).heard(said(Verdict(4, 1, site, True, [[0, 1]]), phase="settle"))
 
 
@@ -245,8 +261,8 @@ def test_a_label_of_the_scene_belongs_to_a_site(site: object) -> None:
 )
 def test_another_label_is_none(site: object) -> None:
     """Nor is a place that is not there."""
-    found = why_not(said(Here(4, 1, site)), spec="agv-labelled:graph=grid3x3,n=3")
-    assert found == ("impossible", f"here of module_1: {site!r} is no place of a module")
+    found = why_not(said(Presence(4, 1, site)), spec="agv-labelled:graph=grid3x3,n=3")
+    assert found == ("impossible", f"presence of module_1: {site!r} is no place of a module")
 
 
 def report(module: int, *, number: int = 4) -> Report:
@@ -257,8 +273,10 @@ def report(module: int, *, number: int = 4) -> Report:
 def test_a_whole_message_has_a_part_of_each_module() -> None:
     """In any order: reports, observations and actions."""
     judge().check_whole(Reports(4, 0, [report(0), report(2)]))
-    judge().check_whole(Observations(4, 1, [Observed(4, 1, [], [], [])]))
-    judge(note_length=1).check_whole(Acts(4, 0, [Act(4, 2, 0, []), Act(4, 0, 1, [5])]))
+    judge().check_whole(Observations(4, 1, [ModuleObservation(4, 1, [], [], [])]))
+    judge(note_length=1).check_whole(
+        ChosenActions(4, 0, [ChosenAction(4, 2, 0, []), ChosenAction(4, 0, 1, [5])])
+    )
 
 
 @pytest.mark.parametrize(
@@ -281,7 +299,7 @@ def test_a_whole_message_has_a_part_of_each_module() -> None:
             "reports of process_0 for 3 modules, expected one each for its 2",
         ),
         (
-            Acts(4, 1, [Act(4, 1, 0, [1, 2])]),
+            ChosenActions(4, 1, [ChosenAction(4, 1, 0, [1, 2])]),
             "malformed",
             "action for module_1: 2 numbers, expected 1",
         ),

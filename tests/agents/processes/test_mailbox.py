@@ -8,7 +8,7 @@ from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import Here, Said, Verdict, decode
+from cubepath.protocol.wire.messages import Bundle, Presence, Verdict, decode
 from cubepath.protocol.wire.nodes import Put
 
 
@@ -20,16 +20,16 @@ def row() -> System:
 def heard(*which: tuple[int, str, int, int]) -> list[HeardMessage]:
     """Return messages of these rounds, regions, processes and numbers."""
     return [
-        HeardMessage(Said(number, "claim", process, region, count, []), ())
+        HeardMessage(Bundle(number, "claim", process, region, count, []), ())
         for number, region, process, count in which
     ]
 
 
-def decoded(puts: list[Put]) -> list[Said]:
+def decoded(puts: list[Put]) -> list[Bundle]:
     """Return what is put."""
     found = [decode(each.data) for each in puts]
-    assert all(isinstance(each, Said) for each in found)
-    return [each for each in found if isinstance(each, Said)]
+    assert all(isinstance(each, Bundle) for each in found)
+    return [each for each in found if isinstance(each, Bundle)]
 
 
 def test_a_double_is_told_from_what_is_new() -> None:
@@ -70,7 +70,7 @@ def test_earlier_rounds_are_forgotten() -> None:
 def test_parts_go_to_the_regions_that_they_are_addressed_to() -> None:
     """A message a region, in the order of regions, each with the parts for it in their order."""
     outbox = Outbox(row(), "run", 3, 7)
-    near = [Here(7, module, [column, 0]) for module, column in enumerate((15, 16, 7))]
+    near = [Presence(7, module, [column, 0]) for module, column in enumerate((15, 16, 7))]
     puts = outbox.say("sense", near)
     assert [each.key for each in puts] == [
         f"cubepath/run/to/{each}/process_3" for each in ("0,0", "1,0", "2,0")
@@ -101,7 +101,7 @@ def test_what_is_said_later_is_a_message_of_its_own() -> None:
 def test_nothing_of_the_round_before_is_said_again() -> None:
     """A round begins with nothing said."""
     outbox = Outbox(row(), "run", 0, 1)
-    outbox.say("sense", [Here(1, 0, [0, 0])])
+    outbox.say("sense", [Presence(1, 0, [0, 0])])
     outbox.begin(2)
     assert (outbox.said("sense"), outbox.counts("sense")) == ([], {})
-    assert decoded(outbox.say("sense", [Here(2, 0, [0, 0])]))[0].round == 2
+    assert decoded(outbox.say("sense", [Presence(2, 0, [0, 0])]))[0].round == 2

@@ -15,18 +15,18 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.keys import key_of, to_region, topic_key
 from cubepath.protocol.wire.messages import (
-    Act,
-    Acts,
-    Again,
+    Bundle,
+    ChosenAction,
+    ChosenActions,
     Go,
-    Here,
     Message,
     Observations,
+    Presence,
     Ready,
     Report,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Verdict,
     Waiting,
     decode,
@@ -111,9 +111,9 @@ def hear(node: HostNode, *messages: Message) -> list[Effect]:
     return [effect for each in messages for effect in node.receive(key_of(RUN, each), encode(each))]
 
 
-def said(effects: Sequence[Effect]) -> list[Said]:
+def said(effects: Sequence[Effect]) -> list[Bundle]:
     """Return what is said to places."""
-    return [each for each in put(effects) if isinstance(each, Said)]
+    return [each for each in put(effects) if isinstance(each, Bundle)]
 
 
 def ready(effects: Sequence[Effect]) -> list[Ready]:
@@ -146,12 +146,12 @@ def driven(node: HostNode, number: int, *targets: Site) -> list[Effect]:
     """Play a round in which each module of a process moves to a site; return how it ends."""
     begun(node, number=number)
     begun(node, "observe", number)
-    acts: list[Act] = []
+    acts: list[ChosenAction] = []
     for module, target in enumerate(targets):
         moves = node._system.moves(node._cores[module].site)
         action = next(n for n, move in enumerate(moves, 1) if move and move.target == target)
-        acts.append(Act(number, module, action, []))
-    hear(node, Acts(number, 0, acts))
+        acts.append(ChosenAction(number, module, action, []))
+    hear(node, ChosenActions(number, 0, acts))
     begun(node, "claim", number)
     return begun(node, "settle", number)
 
@@ -178,7 +178,7 @@ def test_it_says_that_it_is_there_until_it_is_told_to_begin() -> None:
     assert isinstance(effects[0], Listen)
     assert set(effects[0].keys) == {
         to_region(RUN, "0"),
-        topic_key(RUN, "again"),
+        topic_key(RUN, "retransmit"),
         *(topic_key(RUN, kind, who) for kind in ("go", "reset") for who in TO_ONE_OR_ALL),
     }
     for seconds in (1.0, 2.0, 4.0, 4.0):
@@ -192,14 +192,14 @@ def test_each_phase_is_answered_with_what_was_said_in_it() -> None:
     """A module alone senses, claims what it may, and reports."""
     (node,) = hosts(0)
     assert put(begun(node)) == [
-        Said(1, "sense", 0, "0", 0, [Here(1, 0, 0)]),
+        Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, 0)]),
         Ready(1, 0, "sense", {"0": 1}),
     ]
     assert ready(begun(node, "claim", r0=1))[0].phase == "claim"
     effects = begun(node, "settle")
     assert [type(each) for each in put(effects)] == [Reports, Ready]
-    assert put(begun(node, number=2))[0] == Said(
-        2, "sense", 0, "0", 0, [Here(2, 0, report(effects).site)]
+    assert put(begun(node, number=2))[0] == Bundle(
+        2, "sense", 0, "0", 0, [Presence(2, 0, report(effects).site)]
     )
 
 
@@ -221,11 +221,11 @@ def test_doubles_are_heard_once() -> None:
     begun(one)
     hear(one, *here, *here)
     begun(one, "claim", r0=2)
-    hear(other, Said(1, "sense", 0, "0", 0, [Here(1, 0, 0)]))
+    hear(other, Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, 0)]))
     claims = said(begun(other, "claim", r0=2))
     assert len(claims) == 1
     hear(one, *claims, *claims)
-    assert report(begun(one, "settle", r0=1)).heard == {"claim": [1], "here": [1]}
+    assert report(begun(one, "settle", r0=1)).received == {"claim": [1], "presence": [1]}
 
 
 def test_what_comes_before_its_phase_is_kept() -> None:
@@ -235,7 +235,7 @@ def test_what_comes_before_its_phase_is_kept() -> None:
     hear(other, *said(begun(one)))
     assert hear(one, *said(begun(other, "claim", r0=2))) == []
     assert ready(begun(one, "claim", r0=2))
-    assert report(begun(one, "settle", r0=1)).heard == {"claim": [1], "here": [1]}
+    assert report(begun(one, "settle", r0=1)).received == {"claim": [1], "presence": [1]}
 
 
 def test_what_comes_after_its_phase_is_ignored() -> None:
@@ -243,14 +243,14 @@ def test_what_comes_after_its_phase_is_ignored() -> None:
     one, other = hosts(0, 1)
     sensed(one, other)
     begun(one, "claim", r0=2)
-    late = Said(1, "sense", 1, "0", 1, [Here(1, 1, 3)])
+    late = Bundle(1, "sense", 1, "0", 1, [Presence(1, 1, 3)])
     before = dict(one._inbox._heard)
     assert hear(one, late) == []
     assert one._inbox._heard == before
     begun(one, "settle")
     for phase in ("sense", "claim", "settle"):
-        assert hear(one, Said(1, phase, 1, "0", 5, [])) == []
-    assert hear(one, Said(0, "claim", 1, "0", 0, []), Said(3, "sense", 1, "0", 0, [])) == []
+        assert hear(one, Bundle(1, phase, 1, "0", 5, [])) == []
+    assert hear(one, Bundle(0, "claim", 1, "0", 0, []), Bundle(3, "sense", 1, "0", 0, [])) == []
     assert one._inbox._heard == {}
 
 
@@ -271,7 +271,7 @@ def test_what_is_missing_is_asked_for_until_it_comes() -> None:
         assert timers(effects) == [seconds]
         effects = one.tick()
         assert [each for each in effects if isinstance(each, Put)] == [
-            Put(topic_key(RUN, "again", "process_0"), encode(Again(1, 0, "sense", "0")))
+            Put(topic_key(RUN, "retransmit", "process_0"), encode(Retransmit(1, 0, "sense", "0")))
         ]
     effects = hear(one, *said(begun(other)))
     assert timers(effects) == [None]
@@ -288,14 +288,16 @@ def test_only_regions_of_its_own_modules_can_be_missing() -> None:
 def test_who_has_said_it_says_it_again() -> None:
     """The same bytes on the same key; other rounds, phases and regions were not said."""
     one, _ = hosts(0, 1)
-    spoken = [each for each in begun(one) if isinstance(each, Put) and b'"said"' in each.data[:20]]
+    spoken = [
+        each for each in begun(one) if isinstance(each, Put) and b'"bundle"' in each.data[:20]
+    ]
     assert len(spoken) == 1
-    assert hear(one, Again(1, 1, "sense", "0")) == spoken
+    assert hear(one, Retransmit(1, 1, "sense", "0")) == spoken
     for other in (
-        Again(1, 1, "sense", "1"),
-        Again(1, 1, "claim", "0"),
-        Again(0, 1, "sense", "0"),
-        Again(2, 1, "sense", "0"),
+        Retransmit(1, 1, "sense", "1"),
+        Retransmit(1, 1, "claim", "0"),
+        Retransmit(0, 1, "sense", "0"),
+        Retransmit(2, 1, "sense", "0"),
     ):
         assert hear(one, other) == []
 
@@ -304,7 +306,7 @@ def test_who_has_answered_and_is_asked_again_repeats_all() -> None:
     """What it said in the phase and its answer, as often as it is asked."""
     one, _ = hosts(0, 1)
     first = [effect for effect in begun(one) if isinstance(effect, Put)]
-    assert [type(each) for each in put(first)] == [Said, Ready]
+    assert [type(each) for each in put(first)] == [Bundle, Ready]
     for _ in range(2):
         assert begun(one) == first
 
@@ -313,16 +315,16 @@ def test_a_flood_of_asking_is_answered_a_thousand_times_for_each_process() -> No
     """Who floods gets no more in that round, and others still do."""
     one, _, _ = hosts(0, 1, 2)
     begun(one)
-    answered = [bool(hear(one, Again(1, 1, "sense", "0"))) for _ in range(1001)]
+    answered = [bool(hear(one, Retransmit(1, 1, "sense", "0"))) for _ in range(1001)]
     assert answered == [True] * 1000 + [False]
-    assert hear(one, Again(1, 2, "sense", "0"))
+    assert hear(one, Retransmit(1, 2, "sense", "0"))
 
 
 def test_what_is_said_to_a_region_without_own_modules_is_not_kept() -> None:
     """Whatever it is called: nothing grows."""
     one, _ = hosts(0, 1)
     for region in ("1", "x" * 99):
-        assert hear(one, Said(1, "sense", 1, region, 0, [Here(1, 1, 1)])) == []
+        assert hear(one, Bundle(1, "sense", 1, region, 0, [Presence(1, 1, 1)])) == []
     assert one._inbox._heard == {}
 
 
@@ -330,11 +332,15 @@ def test_actions_for_another_process_or_with_a_note_of_another_length_are_not_ta
     """Nor are they kept; what is not in the mask counts as to stay."""
     one, _ = hosts(0, 1, rule=OUTSIDE)
     begun(one)
-    hear(one, Said(1, "sense", 1, "0", 0, [Here(1, 1, 1)]))
+    hear(one, Bundle(1, "sense", 1, "0", 0, [Presence(1, 1, 1)]))
     begun(one, "observe", r0=2)
-    hear(one, Acts(1, 1, [Act(1, 1, 0, [])]), Acts(1, 0, [Act(1, 0, 0, [5])]))
+    hear(
+        one,
+        ChosenActions(1, 1, [ChosenAction(1, 1, 0, [])]),
+        ChosenActions(1, 0, [ChosenAction(1, 0, 0, [5])]),
+    )
     assert one._given == {}
-    hear(one, Acts(1, 0, [Act(1, 0, 99, [])]))
+    hear(one, ChosenActions(1, 0, [ChosenAction(1, 0, 99, [])]))
     effects = begun(one, "claim")
     assert said(effects) == []
     assert ready(effects)
@@ -346,7 +352,7 @@ def test_reports_are_repeated_as_they_were() -> None:
     winner, _ = contest()
     again = begun(winner, "settle", r0=2)
     assert report(again).claim == "granted"
-    assert [type(each) for each in put(again)] == [Said, Reports, Ready]
+    assert [type(each) for each in put(again)] == [Bundle, Reports, Ready]
     assert begun(winner, "settle", r0=2) == again
 
 
@@ -369,14 +375,14 @@ def test_a_missing_verdict_is_asked_for_and_ends_the_round() -> None:
     assert timers(effects) == [1.0]
     process = loser._config.process
     (again,) = put(loser.tick())
-    assert again == Again(1, process, "settle", "0")
+    assert again == Retransmit(1, process, "settle", "0")
     (verdict,) = put(hear(winner, again))
-    assert isinstance(verdict, Said)
+    assert isinstance(verdict, Bundle)
     assert [type(part) for part in verdict.parts] == [Verdict]
     effects = hear(loser, verdict)
     assert timers(effects) == [None]
     assert report(effects).claim == "lost"
-    assert report(effects).heard["verdict"] == [1 - process]
+    assert report(effects).received["verdict"] == [1 - process]
     assert hear(loser, verdict) == []
 
 
@@ -460,12 +466,12 @@ def test_after_its_schedule_a_module_follows_the_rule() -> None:
     over = begun(node, "over")
     assert put(over) == [Ready(1, 0, "over")]
     assert begun(node, "over") == over
-    assert put(begun(node, number=2))[0] == Said(2, "sense", 0, "0", 0, [Here(2, 0, 1)])
+    assert put(begun(node, number=2))[0] == Bundle(2, "sense", 0, "0", 0, [Presence(2, 0, 1)])
 
 
 def test_only_a_driven_process_listens_for_actions() -> None:
     """Those for itself."""
-    key = topic_key(RUN, "acts", "process_0")
+    key = topic_key(RUN, "actions", "process_0")
     for rule in (OUTSIDE, "random"):
         (node,) = hosts(0, rule=rule, started=False)
         (listen,) = (each for each in node.start() if isinstance(each, Listen))
@@ -483,8 +489,8 @@ def test_a_driven_process_sends_what_its_modules_observe() -> None:
         assert all(sum(each.observation) and each.action_mask[0] for each in sent.parts)
         notes = [[each for each in seen.notes if min(each) >= 0] for seen in sent.parts]
         assert notes == ([[], []] if number == 1 else [[[7, 8]], [[5, 6]]])
-        acts = [Act(number, 0, 0, [5, 6]), Act(number, 1, 0, [7, 8])]
-        hear(node, Acts(number, 0, acts))
+        acts = [ChosenAction(number, 0, 0, [5, 6]), ChosenAction(number, 1, 0, [7, 8])]
+        hear(node, ChosenActions(number, 0, acts))
         begun(node, "claim", number)
         begun(node, "settle", number)
 
@@ -497,11 +503,11 @@ def test_actions_from_outside_are_waited_for() -> None:
     assert [type(each) for each in put(observed)] == [Observations, Ready]
     assert begun(node, "observe", r0=1) == observed
     assert timers(begun(node, "claim")) == [1.0]
-    assert hear(node, Acts(3, 0, []), Acts(0, 0, [])) == []
-    effects = hear(node, Acts(1, 0, [Act(1, 0, 0, [])]))
+    assert hear(node, ChosenActions(3, 0, []), ChosenActions(0, 0, [])) == []
+    effects = hear(node, ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])]))
     assert timers(effects) == [None]
     assert ready(effects) == [Ready(1, 0, "claim")]
-    assert hear(node, Acts(1, 0, [Act(1, 0, 1, [])])) == []
+    assert hear(node, ChosenActions(1, 0, [ChosenAction(1, 0, 1, [])])) == []
     assert report(begun(node, "settle")).claim == "none"
 
 
@@ -510,7 +516,14 @@ def test_actions_may_come_first_and_twice() -> None:
     (node,) = hosts(0, rule=OUTSIDE)
     begun(node)
     begun(node, "observe", r0=1)
-    assert hear(node, Acts(1, 0, [Act(1, 0, 0, [])]), Acts(1, 0, [Act(1, 0, 1, [])])) == []
+    assert (
+        hear(
+            node,
+            ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])]),
+            ChosenActions(1, 0, [ChosenAction(1, 0, 1, [])]),
+        )
+        == []
+    )
     assert ready(begun(node, "claim"))
     assert report(begun(node, "settle")).claim == "none"
 
@@ -518,7 +531,7 @@ def test_actions_may_come_first_and_twice() -> None:
 def test_actions_for_the_next_round_are_kept() -> None:
     """They may come before the round has begun."""
     (node,) = hosts(0, rule=OUTSIDE)
-    hear(node, Acts(1, 0, [Act(1, 0, 0, [])]))
+    hear(node, ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])]))
     begun(node)
     begun(node, "observe", r0=1)
     assert ready(begun(node, "claim"))
@@ -529,9 +542,9 @@ def test_actions_for_other_modules_have_no_effect() -> None:
     (node,) = hosts(0, rule=OUTSIDE)
     begun(node)
     begun(node, "observe", r0=1)
-    hear(node, Acts(1, 0, [Act(1, 7, 0, [])]), Acts(1, 0, []))
+    hear(node, ChosenActions(1, 0, [ChosenAction(1, 7, 0, [])]), ChosenActions(1, 0, []))
     assert ready(begun(node, "claim")) == []
-    assert ready(hear(node, Acts(1, 0, [Act(1, 0, 0, [])])))
+    assert ready(hear(node, ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])])))
 
 
 def test_a_reset_puts_modules_back_and_is_answered_each_time() -> None:
@@ -546,7 +559,7 @@ def test_a_reset_puts_modules_back_and_is_answered_each_time() -> None:
     assert timers(effects) == [None, 1.0]
     assert put(hear(node, Reset(2, 5))) == [Ready(2, 0, "join")]
     assert hear(node, Reset(1, 5)) == []
-    assert said(begun(node, number=3))[0].parts == [Here(3, 0, [7, 0])]
+    assert said(begun(node, number=3))[0].parts == [Presence(3, 0, [7, 0])]
 
 
 def test_after_a_reset_ranks_count_from_the_first_round() -> None:
@@ -586,12 +599,12 @@ def test_it_listens_to_what_is_new_and_leaves_what_is_left() -> None:
 def test_actions_for_the_next_round_are_kept_in_every_round() -> None:
     """Those of round 3 may come in round 2; those of round 4 are too early."""
     (node,) = hosts(0, rule=OUTSIDE)
-    hear(node, Acts(1, 0, [Act(1, 0, 0, [])]))
+    hear(node, ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])]))
     for number in (1, 2, 3):
         begun(node, number=number)
         begun(node, "observe", number)
-        early = Acts(number + 2, 0, [Act(number + 2, 0, 1, [])])
-        hear(node, Acts(number + 1, 0, [Act(number + 1, 0, 0, [])]), early)
+        early = ChosenActions(number + 2, 0, [ChosenAction(number + 2, 0, 1, [])])
+        hear(node, ChosenActions(number + 1, 0, [ChosenAction(number + 1, 0, 0, [])]), early)
         assert ready(begun(node, "claim", number))
         assert report(begun(node, "settle", number)).claim == "none"
 
@@ -607,7 +620,7 @@ def test_what_was_kept_for_a_round_is_gone_in_the_next() -> None:
     begun(node)
     begun(node, "observe", r0=1)
     begun(node, "claim")
-    acts = Acts(1, 0, [Act(1, 0, 0, [])])
+    acts = ChosenActions(1, 0, [ChosenAction(1, 0, 0, [])])
     hear(node, acts, acts)
     begun(node, "settle")
     begun(node, number=2)

@@ -13,22 +13,22 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import key_of, topic_key
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
-    Act,
-    Acts,
-    Again,
+    Bundle,
+    ChosenAction,
+    ChosenActions,
     Claim,
     Edges,
     Go,
-    Here,
     Message,
+    ModuleObservation,
     Observations,
-    Observed,
+    Presence,
     Ready,
     Refused,
     Report,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Waiting,
     decode,
     encode,
@@ -73,9 +73,9 @@ def kept(effects: list[Effect]) -> list[Message]:
     return [effect.message for effect in effects if isinstance(effect, Keep)]
 
 
-def said(process: int, phase: str = "sense", *, region: str = "0", number: int = 0) -> Said:
+def said(process: int, phase: str = "sense", *, region: str = "0", number: int = 0) -> Bundle:
     """Return a message of round 1."""
-    return Said(1, phase, process, region, number, [])  # type: ignore[arg-type]
+    return Bundle(1, phase, process, region, number, [])  # type: ignore[arg-type]
 
 
 def reports(process: int, *, site: int = 0) -> Reports:
@@ -85,7 +85,9 @@ def reports(process: int, *, site: int = 0) -> Reports:
 
 def observations(process: int, *modules: int) -> Observations:
     """Return what the modules of a process observe in round 1."""
-    return Observations(1, process, [Observed(1, module, [], [], []) for module in modules])
+    return Observations(
+        1, process, [ModuleObservation(1, module, [], [], []) for module in modules]
+    )
 
 
 def refusals(effects: list[Effect]) -> list[tuple[str, str]]:
@@ -93,7 +95,7 @@ def refusals(effects: list[Effect]) -> list[tuple[str, str]]:
     found = kept(effects)
     assert len(found) == len(effects)
     assert all(isinstance(each, Refused) for each in found)
-    return [(each.who, each.reason) for each in found if isinstance(each, Refused)]
+    return [(each.sender, each.reason) for each in found if isinstance(each, Refused)]
 
 
 def ready(process: int, phase: str = "sense", **counts: int) -> Ready:
@@ -130,7 +132,7 @@ def test_a_phase_waits_for_all_that_was_said_in_it() -> None:
     pacer.begin_round()
     answer = Ready(1, 0, "sense", {"a": 1, "b": 1, "c": 1})
     assert put(hear(pacer, answer, said(0, region="a"), said(0, region="b"))) == []
-    assert put(hear(pacer, said(0, region="c"))) == [Go(1, "claim", answer.said)]
+    assert put(hear(pacer, said(0, region="c"))) == [Go(1, "claim", answer.sent)]
 
 
 def test_the_round_waits_for_reports() -> None:
@@ -159,13 +161,13 @@ def test_each_message_is_kept_once() -> None:
     pacer = paced()
     assert kept(pacer.begin_round()) == [Go(1, "sense")]
     answer = Ready(1, 0, "sense", {"0": 1, "1": 1})
-    messages: list[Said | Ready] = [said(0), said(0, region="1"), said(1), answer]
+    messages: list[Bundle | Ready] = [said(0), said(0, region="1"), said(1), answer]
     for number, message in enumerate(messages):
         assert kept(hear(pacer, message)) == [message]
         told = refusals(hear(pacer, message))
         assert told == ([(f"process_{message.process}", "doubled")] if number in (0, 2) else [])
     assert pacer.refused == 4
-    assert put(hear(pacer, ready(1))) == [Go(1, "claim", answer.said)]
+    assert put(hear(pacer, ready(1))) == [Go(1, "claim", answer.sent)]
     hear(pacer, ready(0, "claim"), ready(1, "claim"))
     assert kept(hear(pacer, reports(0))) == []
     assert kept(hear(pacer, ready(0, "settle"))) == [reports(0), ready(0, "settle")]
@@ -180,7 +182,7 @@ def test_each_message_is_kept_once() -> None:
         (ready(0, "claim"), "out of place"),
         (Ready(2, 0, "sense"), "out of place"),
         (said(0, "claim"), "out of place"),
-        (Said(2, "sense", 0, "0", 0, []), "out of place"),
+        (Bundle(2, "sense", 0, "0", 0, []), "out of place"),
         (said(0, number=1), "out of place"),
         (reports(0), "out of place"),
         (observations(0, 0), "out of place"),
@@ -188,18 +190,18 @@ def test_each_message_is_kept_once() -> None:
         (ready(2), "foreign"),
         (said(2), "foreign"),
         (Waiting(1, 2, "sense"), "foreign"),
-        (Again(1, 2, "sense", "0"), "foreign"),
+        (Retransmit(1, 2, "sense", "0"), "foreign"),
         (Go(1, "stop"), "foreign"),
         (Reset(1, 0), "foreign"),
-        (Said(1, "sense", 0, "0", 0, [Here(1, 1, 4)]), "foreign"),
-        (Said(1, "sense", 0, "0", 0, [Here(2, 0, 4)]), "out of place"),
-        (Said(1, "sense", 0, "0", 0, [Claim(1, 0, 4, "edge", [4, 5])]), "out of place"),
-        (Said(1, "sense", 0, "0", 0, [Here(1, 0, 4)] * 2), "doubled"),
-        (Said(1, "sense", 0, "0", 0, [Here(1, 0, 99)]), "impossible"),
-        (Said(1, "sense", 0, "0", 0, [Here(1, 0, [[]])]), "impossible"),
+        (Bundle(1, "sense", 0, "0", 0, [Presence(1, 1, 4)]), "foreign"),
+        (Bundle(1, "sense", 0, "0", 0, [Presence(2, 0, 4)]), "out of place"),
+        (Bundle(1, "sense", 0, "0", 0, [Claim(1, 0, 4, "edge", [4, 5])]), "out of place"),
+        (Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, 4)] * 2), "doubled"),
+        (Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, 99)]), "impossible"),
+        (Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, [[]])]), "impossible"),
         (Ready(-1, 0, "sense"), "malformed"),
         (Ready(1, 0, "sense", {"0": -1}), "malformed"),
-        (Again(1 << 80, 0, "sense", "0"), "malformed"),
+        (Retransmit(1 << 80, 0, "sense", "0"), "malformed"),
         (Waiting(1, 0, "x" * 300), "malformed"),
         (Edges(1, []), "out of place"),
     ],
@@ -214,7 +216,7 @@ def test_what_cannot_be_is_refused_with_who_and_why(message: Message, reason: st
     assert [why for _, why in refusals(effects)] == [reason]
     (told,) = kept(effects)
     assert isinstance(told, Refused)
-    assert told.who == key_of(RUN, message).rpartition("/")[2]
+    assert told.sender == key_of(RUN, message).rpartition("/")[2]
     assert told.sample.encode() == encode(message)[:200]
     after = repr({key: value for key, value in vars(pacer).items() if key not in told_of})
     assert after == before
@@ -258,7 +260,7 @@ def test_what_contradicts_what_came_before_is_refused() -> None:
     pacer = paced()
     pacer.begin_round()
     hear(pacer, said(0), ready(0))
-    other = Said(1, "sense", 0, "0", 0, [Here(1, 0, 3)])
+    other = Bundle(1, "sense", 0, "0", 0, [Presence(1, 0, 3)])
     assert refusals(hear(pacer, other)) == [("process_0", "contradicts")]
     pacer.tick()
     assert hear(pacer, Ready(1, 0, "sense", {"0": 7})) == []  # of the same sender and reason
@@ -310,7 +312,7 @@ def test_to_ask_again_without_end_ends() -> None:
     """A thousand times in a phase; more is refused."""
     pacer = paced()
     pacer.begin_round()
-    message = Again(1, 0, "sense", "0")
+    message = Retransmit(1, 0, "sense", "0")
     for _ in range(1000):
         assert kept(hear(pacer, message)) == [message]
     assert refusals(hear(pacer, message)) == [("process_0", "too many")]
@@ -401,8 +403,8 @@ def test_who_asked_in_a_round_before_has_got_it() -> None:
     """It is not kept; in its own round it is."""
     pacer = paced()
     pacer.begin_round()
-    assert hear(pacer, Waiting(0, 0, "sense"), Again(0, 0, "sense", "0")) == []
-    assert kept(hear(pacer, Again(1, 1, "sense", "0"))) == [Again(1, 1, "sense", "0")]
+    assert hear(pacer, Waiting(0, 0, "sense"), Retransmit(0, 0, "sense", "0")) == []
+    assert kept(hear(pacer, Retransmit(1, 1, "sense", "0"))) == [Retransmit(1, 1, "sense", "0")]
 
 
 def test_processes_have_time_to_start_and_none_is_asked_too_late() -> None:
@@ -428,8 +430,8 @@ def test_actions_from_outside_go_with_the_claims_and_are_repeated_first() -> Non
     assert not pacer.idle
     hear(pacer, observations(1, 1))
     assert pacer.idle
-    acts = [Act(1, module, 0, []) for module in (2, 1, 0)]
-    own = [Acts(1, 0, [acts[2], acts[0]]), Acts(1, 1, [acts[1]])]
+    acts = [ChosenAction(1, module, 0, []) for module in (2, 1, 0)]
+    own = [ChosenActions(1, 0, [acts[2], acts[0]]), ChosenActions(1, 1, [acts[1]])]
     begun = pacer.act(acts)
     assert put(begun) == kept(begun) == [*own, Go(1, "claim", {})]
     hear(pacer, ready(0, "claim"))
@@ -475,7 +477,7 @@ def test_without_a_record_answers_are_enough() -> None:
 def test_to_ask_for_what_is_missing_is_on_record() -> None:
     """It may come more than once, each time by another's wish."""
     pacer = paced()
-    message = Again(0, 1, "sense", "0")
+    message = Retransmit(0, 1, "sense", "0")
     assert hear(pacer, message, message) == [Keep(encode(message), message)] * 2
 
 

@@ -72,17 +72,17 @@ def test_after_many_senders_all_others_are_one() -> None:
     """Thirty-two, then one for each reason of the others."""
     refusals = Refusals()
     for number in range(32):
-        assert add(refusals, f"guest_{number}")[0].who == f"guest_{number}"
+        assert add(refusals, f"guest_{number}")[0].sender == f"guest_{number}"
     (other,) = add(refusals, "guest_32")
-    assert (other.who, other.key) == ("others", "ready/guest_32")
+    assert (other.sender, other.key) == ("others", "ready/guest_32")
     assert add(refusals, "guest_33") == []
-    assert add(refusals, "guest_34", "stale")[0].who == "others"
+    assert add(refusals, "guest_34", "stale")[0].sender == "others"
     assert add(refusals, "guest_0") == []
-    assert [(each.who, each.count) for each in told(refusals.told())] == [
+    assert [(each.sender, each.count) for each in told(refusals.told())] == [
         ("others", 1),
         ("guest_0", 1),
     ]
-    assert add(refusals, "guest_33", number=2)[0].who == "guest_33"
+    assert add(refusals, "guest_33", number=2)[0].sender == "guest_33"
 
 
 def test_what_is_told_is_short() -> None:
@@ -91,8 +91,8 @@ def test_what_is_told_is_short() -> None:
     error = RefusedError("malformed", "w" * 500)
     (found,) = told(refusals.add(1, f"cubepath/run/{'k' * 300}/{'n' * 99}", b"\xff" * 300, error))
     assert found.key == "k" * 200
-    assert found.who == "n" * 64
-    assert found.why == "w" * 400
+    assert found.sender == "n" * 64
+    assert found.detail == "w" * 400
     assert found.sample == "\N{REPLACEMENT CHARACTER}" * 200
 
 
@@ -101,4 +101,4 @@ def test_a_key_of_any_form_has_a_sender() -> None:
     refusals = Refusals()
     for key, topic, who in (("", "", ""), ("hello", "hello", "hello"), ("a/b/c/d", "c/d", "d")):
         (found,) = told(refusals.add(1, key, b"", RefusedError("malformed", "no")))
-        assert (found.key, found.who) == (topic, who)
+        assert (found.key, found.sender) == (topic, who)

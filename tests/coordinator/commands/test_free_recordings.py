@@ -14,7 +14,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
-from cubepath.protocol.wire.free_messages import Moved, decode_free, free_key
+from cubepath.protocol.wire.free_messages import Commit, decode_free, free_key
 from samples.free_runs import free_recorded, free_run, results, write
 
 SPEC = "hex:n=7"
@@ -39,7 +39,7 @@ def test_info_tells_the_clock_and_the_keepers(capsys: pytest.CaptureFixture[str]
     assert (found["clock"], found["keepers"], found["format"]) == (
         "free",
         3,
-        "cubepath-recording-3",
+        "cubepath-recording-5",
     )
     counted: dict[str, int] = {}
     for record in recording.records:
@@ -47,7 +47,7 @@ def test_info_tells_the_clock_and_the_keepers(capsys: pytest.CaptureFixture[str]
             if part != record:
                 counted[part.kind] = counted.get(part.kind, 0) + 1
     assert found["parts"] == counted
-    assert {"attempt", "decision", "shown", "turn", "enter", "passed"} <= counted.keys()
+    assert {"attempt", "decision", "place", "turn", "enter", "forwarded"} <= counted.keys()
 
 
 @pytest.mark.slow
@@ -108,10 +108,10 @@ def test_keys_follow_from_the_bytes_alone() -> None:
 def test_bad_kinds_and_a_recording_without_keepers_are_refused(tmp_path: Path) -> None:
     """In one line each, before anything is put."""
     recording = the_recording()
-    with pytest.raises(InputError, match="expected some of ask"):
-        replay(recording, kinds=["said"])
+    with pytest.raises(InputError, match="expected some of requests"):
+        replay(recording, kinds=["bundle"])
     with pytest.raises(InputError, match="without commits there is nothing to gather"):
-        replay(recording, kinds=["ask"])
+        replay(recording, kinds=["requests"])
     copy_recording(recording, tmp_path / "b.mcap", {"keepers": "none"})
     with pytest.raises(InputError, match="keepers='none' in its parameters"):
         gathered(read_recording(tmp_path / "b.mcap"))
@@ -122,16 +122,16 @@ def test_a_forged_commit_is_named_with_its_place(
 ) -> None:
     """The exit code is 1, as for reports that contradict each other."""
     scene, messages = free_run(SPEC)
-    first = next(each for each in messages if isinstance(each, Moved) and each.generator)
+    first = next(each for each in messages if isinstance(each, Commit) and each.generator)
     forged = [
         *messages,
-        Moved(first.keeper, first.serial, first.module, first.epoch, first.number, 99, 1),
+        Commit(first.keeper, first.serial, first.module, first.epoch, first.number, 99, 1),
     ]
     path = write(tmp_path / "a.mcap", scene, forged)
     assert main(["shorten", str(path)]) == 1
     error = capsys.readouterr().err
     assert "comes twice, and differs" in error
-    assert f"message {len(messages)} (moved/keeper_{first.keeper})" in error
+    assert f"message {len(messages)} (commit/keeper_{first.keeper})" in error
 
 
 def compared(
@@ -177,6 +177,6 @@ def test_verify_answers_with_the_checks_of_its_clock(capsys: pytest.CaptureFixtu
     found = told(capsys, "verify", path)
     checks = found["checks"]
     assert isinstance(checks, list)
-    assert {"levels", "readers", "shown", "turns"} <= {check["name"] for check in checks}
+    assert {"levels", "readers", "place", "turns"} <= {check["name"] for check in checks}
     assert main(["verify", str(path)]) == 0
     assert f"{found['rounds']} levels, " in capsys.readouterr().out

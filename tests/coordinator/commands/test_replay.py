@@ -49,7 +49,7 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
     assert re.fullmatch(r"cubepath: replaying on \S+ under cubepath/mine/\*\*\n", told.err)
     assert main(["replay", HEX, "--until", "2"]) == 0
     out = capsys.readouterr().out
-    assert "29 edges, 88 go, 176 ready, 54 reports, 186 said, 1 summary\n" in out
+    assert "186 bundle, 1 certificate, 19 cube, 29 edges, 88 go, 176 ready, 54 reports, " in out
     assert "result         the same as recorded in 2 rounds; not compared: rounds 3 to 29, " in out
 
 

@@ -224,7 +224,7 @@ def test_what_is_not_played_is_counted() -> None:
     recording = read_recording(HEX)
     total = Counter(record.kind for record in recording.records)
     plain = replay(recording)
-    said = ("said", "reports")
+    said = ("bundle", "reports")
     assert plain.left_out == {kind: total[kind] for kind in sorted(total) if kind not in said}
     with Player(recording, topics=["*"]) as player:
         player.step("message", 100)
@@ -242,7 +242,7 @@ def test_without_rounds_a_part_is_played_and_not_compared() -> None:
     found = replay(path, begin=3)
     assert (found.same, found.agrees, found.rounds_compared) == (False, True, 0)
     assert found.result == "not compared: levels 1 to 19, cubes, summary"
-    with Player(path, topics=["moved"]) as player, listened(player) as ears:
+    with Player(path, topics=["commit"]) as player, listened(player) as ears:
         assert player.seek(19).round == 19
         position = msgspec.json.decode(ears.take(1)[0][1], type=Position)
         assert position.after == 18

@@ -169,7 +169,7 @@ def test_levels_are_found_where_log_time_is_the_wall_clock(tmp_path: Path) -> No
     assert reel.by_wall
     records = list(reel.recording.records)
     levels = [
-        decode_free(each.data).level if each.kind == "moved" else 0  # type: ignore[union-attr]
+        decode_free(each.data).level if each.kind == "commit" else 0  # type: ignore[union-attr]
         for each in records
     ]
     places = marks(reel)

@@ -181,8 +181,8 @@ def test_progress_is_told_of_every_message() -> None:
     [
         ({"rate": 0.0}, "rate=0.0: expected more than 0"),
         ({"rate": float("nan")}, "rate=nan: expected more than 0"),
-        ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of said"),
-        ({"kinds": ["said"]}, "without reports there is nothing to gather"),
+        ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of bundle"),
+        ({"kinds": ["bundle"]}, "without reports there is nothing to gather"),
         ({"endpoint": "nonsense"}, "endpoint nonsense: expected tcp/HOST:PORT"),
     ],
 )
@@ -273,9 +273,11 @@ def test_what_is_no_message_is_refused_by_name() -> None:
     """A message that does not decode cannot be put on any key."""
     whole = crowd()
     records = [*whole.records]
-    place = records.index(next(whole.of_kind("said")))
+    place = records.index(next(whole.of_kind("bundle")))
     records[place] = with_fields(records[place], data=b"[]")
-    with pytest.raises(InputError, match=r"message \d+ \(said/process_0\): not a cubepath message"):
+    with pytest.raises(
+        InputError, match=r"message \d+ \(bundle/process_0\): not a cubepath message"
+    ):
         replay(with_records(whole, records))
     report = first(whole, "report")
     with pytest.raises(CheckError, match="twice, and differently"):

@@ -27,7 +27,7 @@ def test_topics_are_chosen_by_patterns() -> None:
     assert topics("re*") == {*topics("reports"), *topics("ready")}
     assert topics("*") == {record.topic for record in HEX.records}
     assert topics("reports", exclude=("*/process_[1-4]",)) == {"reports/process_0"}
-    assert topics(exclude=("reports",)) == topics("said")
+    assert topics(exclude=("reports",)) == topics("bundle")
 
 
 @pytest.mark.parametrize(
@@ -37,11 +37,11 @@ def test_topics_are_chosen_by_patterns() -> None:
         ({"topics": [""]}, "topics=: expected topics such as"),
         ({"exclude": ["a#"]}, "exclude=a#: expected topics such as"),
         ({"exclude": ["nobody"]}, r"exclude=nobody/\*: nothing on record matches, expected topics"),
-        ({"topics": ["said/nobody"]}, "topics=said/nobody: nothing on record matches"),
+        ({"topics": ["bundle/nobody"]}, "topics=bundle/nobody: nothing on record matches"),
         ({"exclude": ["*"]}, r"exclude=\*: leaves nothing to play, expected some topics of"),
         (
-            {"topics": ["said"], "exclude": ["said"]},
-            "topics=said, exclude=said: leaves nothing to play",
+            {"topics": ["bundle"], "exclude": ["bundle"]},
+            "topics=bundle, exclude=bundle: leaves nothing to play",
         ),
         ({"kinds": ["go"]}, "unknown kind 'go'"),
     ],
@@ -67,9 +67,9 @@ def test_keys_are_remapped_by_topic_and_by_their_own_beginning() -> None:
     assert keys("reports=b/c")["reports/process_0"] == "cubepath/r/b/c/process_0"
     assert keys("reports=/b")["reports/process_0"] == "b/process_0"
     assert keys("report=b")["reports/process_0"] == plain["reports/process_0"]
-    region = plain["said/process_0"].removeprefix("cubepath/r/to/")
-    assert keys("to=from")["said/process_0"] == f"cubepath/r/from/{region}"
-    assert keys("said=heard")["said/process_0"] == "cubepath/r/heard/process_0"
+    region = plain["bundle/process_0"].removeprefix("cubepath/r/to/")
+    assert keys("to=from")["bundle/process_0"] == f"cubepath/r/from/{region}"
+    assert keys("bundle=heard")["bundle/process_0"] == "cubepath/r/heard/process_0"
 
 
 @pytest.mark.parametrize("remap", ["nobody=a", "cube=a", "report=a", "to/nobody=a"])
@@ -77,12 +77,12 @@ def test_what_concerns_no_message_that_is_played_is_refused(remap: str) -> None:
     """Neither a topic nor a key of one begins so; a part of a batch has neither."""
     recording = recorded("hex:n=4", "chain", rounds=5)
     takes = PlayedMessages(recording).takes_topic
-    KeyMapping(recording, "r", ["said=heard", "to=from", "reports/process_0=left"]).check_remap(
+    KeyMapping(recording, "r", ["bundle=heard", "to=from", "reports/process_0=left"]).check_remap(
         takes
     )
     old = remap.partition("=")[0]
     with pytest.raises(InputError, match=f"remap={remap}: nothing that is played is on {old}, "):
-        KeyMapping(recording, "r", ["said=heard", remap]).check_remap(takes)
+        KeyMapping(recording, "r", ["bundle=heard", remap]).check_remap(takes)
 
 
 def test_what_other_tools_wrote_keeps_its_topic() -> None:

@@ -70,8 +70,8 @@ def test_info_says_who_was_refused_and_why() -> None:
 def test_info_says_which_format_a_recording_has() -> None:
     """That of the file, for machines and for people."""
     for recording, name in (
-        (crowd(), "cubepath-recording-2"),
-        (read_recording(GOLDEN / "hex-free-5.mcap"), "cubepath-recording-3"),
+        (crowd(), "cubepath-recording-4"),
+        (read_recording(GOLDEN / "hex-free-5.mcap"), "cubepath-recording-5"),
     ):
         assert info(recording)["format"] == name
         assert re.search(rf"^format +{name}$", render(info(recording)), re.MULTILINE)
@@ -89,12 +89,12 @@ def test_without_a_summary_what_can_be_counted_is_counted() -> None:
 
 def test_without_edges_moves_are_counted_from_what_was_reported() -> None:
     """The same numbers from reports or commits; where nothing tells them they are not known."""
-    for name, kinds in (("hex-5", ["reports"]), ("hex-free-5", ["moved", "tail"])):
+    for name, kinds in (("hex-5", ["reports"]), ("hex-free-5", ["commit", "commits"])):
         path = GOLDEN / f"{name}.mcap"
         filter_recording(path, out := new_path(), topics=kinds)
         told, whole = info(out), info(path)
         assert (told["rounds"], told["moves"]) == (whole["rounds"], whole["moves"])
-    filter_recording(GOLDEN / "hex-5.mcap", out := new_path(), topics=["said"])
+    filter_recording(GOLDEN / "hex-5.mcap", out := new_path(), topics=["bundle"])
     told = info(out)
     assert (told["rounds"], told["moves"]) == (None, None)
     assert re.search(r"^moves +unknown$", render(told), re.MULTILINE)
@@ -173,7 +173,7 @@ def test_what_a_file_says_of_itself_is_what_is_in_it(tmp_path: Path) -> None:
     assert document == counted
     assert document["complete"] is True
     assert document["parts"]["report"] == len([*crowd().of_kind("report")])
-    assert document["parts"].keys() == {"here", "note", "claim", "verdict", "report"}
+    assert document["parts"].keys() == {"presence", "note", "claim", "verdict", "report"}
 
 
 def test_only_the_end_of_a_whole_file_is_read(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.wire.free_messages import Moved, Tail
+from cubepath.protocol.wire.free_messages import Commit, CommitLog
 from oracles.obvious import obvious_normal_form
 from samples.free_runs import free_run, results, write
 
@@ -34,10 +34,10 @@ KEEPERS = 3
 def run_of(spec: str, seed: int = 0) -> tuple[Scene, list[Any]]:
     """Return the scene and the commits of a run, in the order in which they were made."""
     scene, messages = free_run(spec, keepers=KEEPERS, seed=seed)
-    return scene, [message for message in messages if isinstance(message, Moved)]
+    return scene, [message for message in messages if isinstance(message, Commit)]
 
 
-def gather(scene: Scene, commits: Sequence[Moved]) -> FreeGatherer:
+def gather(scene: Scene, commits: Sequence[Commit]) -> FreeGatherer:
     """Return what is gathered of these commits in this order."""
     found = FreeGatherer(scene, KEEPERS)
     for moved in commits:
@@ -88,7 +88,7 @@ def test_what_was_released_at_any_time_could_be_all_that_happened() -> None:
     """Every prefix of the released moves is admissible, and its heap that of its definition."""
     scene, commits = run_of(SPECS[1])
     default_rng(3).shuffle(commits)
-    released: list[Moved] = []
+    released: list[Commit] = []
     found = FreeGatherer(scene, KEEPERS, released.append)
     for moved in commits:
         found.receive(moved)
@@ -116,8 +116,8 @@ def test_a_missing_commit_is_asked_for_and_holds_back_what_depends_on_it() -> No
 def test_a_last_commit_that_is_missing_shows_against_the_tails() -> None:
     """No number is missing after it, so only the keepers know of it."""
     scene, messages = free_run(SPECS[0], keepers=KEEPERS)
-    commits = [message for message in messages if isinstance(message, Moved)]
-    tails = [message for message in messages if isinstance(message, Tail)]
+    commits = [message for message in messages if isinstance(message, Commit)]
+    tails = [message for message in messages if isinstance(message, CommitLog)]
     last = commits[-1]
     found = gather(scene, [moved for moved in commits if moved is not last])
     assert not found.missing()
@@ -133,14 +133,14 @@ def test_a_last_commit_that_is_missing_shows_against_the_tails() -> None:
 def test_a_unit_that_a_keeper_knows_later_than_was_gathered_is_named() -> None:
     """The tails say how often each unit was written and read."""
     scene, messages = free_run(SPECS[0], keepers=KEEPERS)
-    tail = next(message for message in messages if isinstance(message, Tail) and message.units)
+    tail = next(message for message in messages if isinstance(message, CommitLog) and message.units)
     found = FreeGatherer(scene, KEEPERS)
     found.tail(replace(tail, parts=[], serial=0))
     unit, version, *_ = next(each for each in tail.units if each[1])
     assert f"at version {version}" in next(line for line in found.lacking() if str(unit[0]) in line)
 
 
-def _written(moved: Moved, version: int, reads: int) -> Moved:
+def _written(moved: Commit, version: int, reads: int) -> Commit:
     (unit, old, readers), *rest = moved.written
     return replace(moved, written=[(unit, old + version, readers + reads), *rest])
 
@@ -227,10 +227,10 @@ def test_a_recording_is_gathered_by_its_clock_and_damage_is_one_line(tmp_path: A
     whole = write(tmp_path / "a.mcap", scene, [*messages, *results(scene, messages, KEEPERS)])
     assert (
         gathered(read_recording(whole)).digest
-        == gather(scene, [each for each in messages if isinstance(each, Moved)]).digest
+        == gather(scene, [each for each in messages if isinstance(each, Commit)]).digest
     )
-    lost = next(each for each in messages if isinstance(each, Moved))
-    kept = [each for each in messages if not isinstance(each, Tail) and each != lost]
+    lost = next(each for each in messages if isinstance(each, Commit))
+    kept = [each for each in messages if not isinstance(each, CommitLog) and each != lost]
     cut = write(tmp_path / "b.mcap", scene, kept)
     with pytest.raises(InputError, match=f"commit {lost.serial} of keeper_{lost.keeper} is miss"):
         shorten(cut)

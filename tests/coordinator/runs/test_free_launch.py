@@ -31,7 +31,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.wire.free_messages import Moved, decode_free
+from cubepath.protocol.wire.free_messages import Commit, decode_free
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect
 
@@ -66,7 +66,7 @@ def test_a_commit_that_contradicts_others_is_on_record(
 
     def altered(collector: Collector, key: str, data: bytes) -> list[Effect]:
         message = decode_free(data)
-        if isinstance(message, Moved) and message.generator and next(moves) == 3:
+        if isinstance(message, Commit) and message.generator and next(moves) == 3:
             data = encode(structs.replace(message, level=message.level + 1))
         return honest(collector, key, data)
 
@@ -298,7 +298,7 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     child = started(*RESTLESS, "--max-rounds", "100000", "--log", str(log))
     journal = keeper_logs(log) / "keeper_0.log"
     until(lambda: journal.is_file() and journal.stat().st_size > 20_000)
-    until(lambda: any(True for _ in read_recording(log).of_kind("moved")))
+    until(lambda: any(True for _ in read_recording(log).of_kind("commit")))
     child.kill()
     child.communicate()
     assert keeper_logs(log).is_dir()
@@ -310,7 +310,7 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     journal.write_bytes(whole)
     outcome = run(Plan(resume=log, log=more, max_rounds=1))
     assert outcome.ended == "max-rounds"
-    assert outcome.moves >= sum(1 for _ in read_recording(log).of_kind("moved")) > 0
+    assert outcome.moves >= sum(1 for _ in read_recording(log).of_kind("commit")) > 0
     assert not keeper_logs(log).exists()
     assert not keeper_logs(more).exists()
     sound(more)

@@ -34,7 +34,10 @@ def with_a_gap(out: Path) -> None:
     [
         (without("hex-5.mcap", "reports"), "no reports on record; it holds "),
         (without("hex-5.mcap", "reports/process_1"), "round 1 is not complete, but"),
-        (without("hex-free-5.mcap", "moved/keeper_1"), "commit 1 of keeper_1 is missing; it holds"),
+        (
+            without("hex-free-5.mcap", "commit/keeper_1"),
+            "commit 1 of keeper_1 is missing; it holds",
+        ),
         (with_a_gap, "round 11 is not complete, but there are reports of round 29"),
     ],
 )
@@ -57,7 +60,7 @@ def test_what_has_all_of_them_is_gathered(name: str, tmp_path: Path) -> None:
     """The commits or reports alone, and the beginning of a run."""
     whole = gathered(read_recording(GOLDEN / name))
     said = tmp_path / "said.mcap"
-    filter_recording(GOLDEN / name, said, topics=["moved"] if "free" in name else ["report*"])
+    filter_recording(GOLDEN / name, said, topics=["commit"] if "free" in name else ["report*"])
     assert gathered_in_full(read_recording(said)).digest == whole.digest
     early = tmp_path / "early.mcap"
     filter_recording(GOLDEN / name, early, until=9)

@@ -130,7 +130,7 @@ def test_what_is_no_path_is_one_line() -> None:
 def test_a_rule_that_returns_no_choice_is_told(chosen: object, told: str) -> None:
     """By its name, that of the module, and what it returned."""
     bad: Any = chosen
-    rule = RuleType("mine", "bad", "here", lambda _: True, lambda _: lambda _: bad)
+    rule = RuleType("mine", "bad", "presence", lambda _: True, lambda _: lambda _: bad)
     with pytest.raises(RuleError) as error:
         play("hex:n=3", rule, max_rounds=2)
     assert str(error.value) == f"rule 'mine', module_0: {told}"
@@ -139,7 +139,7 @@ def test_a_rule_that_returns_no_choice_is_told(chosen: object, told: str) -> Non
 def test_a_rule_that_makes_nothing_is_told() -> None:
     """A forgotten return, most of the time."""
     nothing: Any = None
-    rule = RuleType("mine", "bad", "here", lambda _: True, lambda _: nothing)
+    rule = RuleType("mine", "bad", "presence", lambda _: True, lambda _: nothing)
     line = r"^rule 'mine': make returned None, expected a function of a View$"
     with pytest.raises(InputError, match=line):
         play("hex:n=3", rule, max_rounds=2)

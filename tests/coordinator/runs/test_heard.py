@@ -8,11 +8,11 @@ from cubepath.coordinator.runs.collector import ASKS_MAX, Collector, SequenceTra
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
-    Asks,
+    CommitLog,
     FreeMessage,
-    Repeat,
-    Rest,
-    Tail,
+    Halted,
+    Requests,
+    RetransmitRange,
     Turns,
     decode_free,
     free_key,
@@ -21,9 +21,9 @@ from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.sayings import Sayings
 
 
-def turns(*numbers: int, birth: int = 1) -> list[FreeMessage]:
+def turns(*numbers: int, incarnation: int = 1) -> list[FreeMessage]:
     """Return messages of a process with these numbers."""
-    return [Turns(0, [], birth, number) for number in numbers]
+    return [Turns(0, [], incarnation, number) for number in numbers]
 
 
 def heard(*messages: FreeMessage) -> SequenceTracker:
@@ -34,7 +34,7 @@ def heard(*messages: FreeMessage) -> SequenceTracker:
     return found
 
 
-def asks(found: SequenceTracker) -> list[Repeat]:
+def asks(found: SequenceTracker) -> list[RetransmitRange]:
     """Return what is asked for, the second time that it is looked at."""
     assert list(found.asks()) == []
     return list(found.asks())
@@ -48,16 +48,24 @@ def test_without_a_gap_nothing_is_asked() -> None:
 
 
 def test_the_first_gap_of_each_sender_is_asked_for() -> None:
-    """Of the last birth alone."""
-    found = heard(*turns(1, 9), *turns(1, 4, 8, birth=2), Asks(3, 0, [], 1, 2))
+    """Of the last incarnation alone."""
+    found = heard(*turns(1, 9), *turns(1, 4, 8, incarnation=2), Requests(3, 0, [], 1, 2))
     assert found.lacking == 2 + 3 + 1
-    assert asks(found) == [Repeat("process_0", 2, 1, 3), Repeat("process_3", 1, 0, 1)]
+    assert asks(found) == [
+        RetransmitRange("process_0", 2, 1, 3),
+        RetransmitRange("process_3", 1, 0, 1),
+    ]
 
 
 def test_the_last_messages_are_missed_by_what_tells_their_number() -> None:
     """By `rest` of a process and `tail` of a keeper."""
-    found = heard(*turns(1), Rest(0, birth=1, said=3), Tail(2, 0, [], [], 0, 0, 1, 1))
-    assert asks(found) == [Repeat("keeper_2", 1, 0, 1), Repeat("process_0", 1, 1, 3)]
+    found = heard(
+        *turns(1), Halted(0, incarnation=1, sequence=3), CommitLog(2, 0, [], [], 0, 0, 1, 1)
+    )
+    assert asks(found) == [
+        RetransmitRange("keeper_2", 1, 0, 1),
+        RetransmitRange("process_0", 1, 1, 3),
+    ]
 
 
 def test_what_does_not_come_is_given_up() -> None:
@@ -68,7 +76,7 @@ def test_what_does_not_come_is_given_up() -> None:
         list(found.asks())
     assert list(found.asks()) == []
     assert found.lacking == 1
-    assert asks(found) == [Repeat("process_0", 1, 4, 5)]
+    assert asks(found) == [RetransmitRange("process_0", 1, 4, 5)]
 
 
 def test_whatever_was_lost_comes_in_the_end() -> None:
@@ -78,7 +86,7 @@ def test_whatever_was_lost_comes_in_the_end() -> None:
         put = sayings.say(Turns(0, []))
         if random.random() < 0.5:
             found.take(decode_free(put.data))
-    found.take(decode_free(sayings.tell(Rest(0)).data))
+    found.take(decode_free(sayings.tell(Halted(0)).data))
     for _ in range(2000):
         for asked in found.asks():
             for put in sayings.again(asked):
@@ -94,10 +102,10 @@ def test_an_answer_to_an_earlier_order_does_not_count() -> None:
     rested = []
     for order in (collector.halt, collector.resume, collector.halt):
         assert order() == collector.repeat_order()
-        late = Rest(0, 1, birth=1)
+        late = Halted(0, 1, incarnation=1)
         collector.receive(free_key("run", late), encode(late))
         rested.append(set(collector.resting))
     assert rested == [{0}, set(), set()]
-    answer = Rest(0, 3, birth=1)
+    answer = Halted(0, 3, incarnation=1)
     collector.receive(free_key("run", answer), encode(answer))
     assert collector.resting == {0}

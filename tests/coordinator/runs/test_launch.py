@@ -163,8 +163,8 @@ def test_log_time_is_the_round_and_bytes_are_those_of_the_wire(tmp_path: Path) -
         assert decode(record.data).round == record.round
         assert began <= record.wall_ns <= time.time_ns()
     kinds = {record.kind for record in recording.records}
-    assert kinds >= {"said", "reports", "go", "ready", "edges", "cube", "summary"}
-    assert {"here", "claim", "report"} <= {kind_of(part) for part in parts(recording)}
+    assert kinds >= {"bundle", "reports", "go", "ready", "edges", "cube", "summary"}
+    assert {"presence", "claim", "report"} <= {kind_of(part) for part in parts(recording)}
     assert recording.parameters["rule"] == "random"
     assert recording.parameters["eclipse-zenoh"]
 

@@ -187,7 +187,7 @@ def test_a_listener_may_stop_the_run(clock: Clock, tmp_path: Path) -> None:
     found: list[Outcome] = []
 
     def hear(overheard: TappedMessage) -> None:
-        if overheard.kind in ("report", "moved") and overheard.round == 2 and not found:
+        if overheard.kind in ("report", "commit") and overheard.round == 2 and not found:
             found.append(running.stop())
             running.__exit__(None, None, None)
 

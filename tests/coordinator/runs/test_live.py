@@ -34,7 +34,7 @@ OWN = Path(__file__).parents[2] / "processes" / "own_module.py"
 
 def said(recording: Recording) -> set[bytes]:
     """Return all that modules said and reported, byte by byte."""
-    kinds = ("here", "note", "claim", "verdict", "report")
+    kinds = ("presence", "note", "claim", "verdict", "report")
     return {wire.encode(part) for part in parts(recording, *kinds)}
 
 
@@ -111,7 +111,9 @@ def test_the_first_divergence_is_named(rule: str, round_number: int, kind: str, 
     assert told.site is not None
     assert json.loads(told.site) == stood
     sensed = [each for each in told.sensed if each.startswith("sensed module_")]
-    here = {tuple(each.site): each.module for each in parts(parent, "here") if each.round == WHEN}
+    here = {
+        tuple(each.site): each.module for each in parts(parent, "presence") if each.round == WHEN
+    }
     near = {
         there
         for there in here

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.free.fleet import BIRTHS, log_of, next_births
+from cubepath.agents.free.fleet import INCARNATIONS, log_of, next_incarnations
 from cubepath.agents.keepers.attempts import chain_of, planned
 from cubepath.agents.keepers.journal import (
     Acknowledged,
@@ -22,7 +22,7 @@ from cubepath.agents.keepers.journal import (
 from cubepath.coordinator.runs.resuming import check_logs
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.free_messages import Asks, Attempt
+from cubepath.protocol.wire.free_messages import Attempt, Requests
 from samples.free_runs import FreeRun, write
 
 KEEPERS = 2
@@ -39,11 +39,11 @@ class Kept:
         path = write(folder / "run.mcap", run.scene, recorded, keepers=KEEPERS)
         self.recording: Recording = read_recording(path)
         self.folder = folder / "logs"
-        self.births = next_births(self.folder, "run")
+        self.incarnations = next_incarnations(self.folder, "run")
         self.records: list[list[Record]] = []
         for keeper in range(KEEPERS):
             self.records.append([*run.keepers[keeper]._journal.records()])
-            opened = Opened(self.births.run, keeper, self.births.birth)
+            opened = Opened(self.incarnations.run, keeper, self.incarnations.incarnation)
             with FileJournal(log_of(self.folder, keeper), opened) as journal:
                 for record in self.records[-1]:
                     journal.append(record)
@@ -78,12 +78,12 @@ def of_no_consequence(record: Record, records: list[Record]) -> bool:
         case Acknowledged():
             return True
         case Decided(decision=decision):
-            return decision.moved is None
+            return decision.commit is None
         case Prepared(passed=passed):
             name = passed.attempt.module, passed.attempt.epoch, passed.attempt.number
             return not any(
                 isinstance(each, Decided | Committed)
-                and each.decision.moved is not None
+                and each.decision.commit is not None
                 and (each.decision.module, each.decision.epoch, each.decision.number) == name
                 for each in records
             )
@@ -113,23 +113,25 @@ def test_a_log_that_lacks_what_others_know_is_refused(
 
 
 @pytest.mark.slow
-def test_births_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
+def test_incarnations_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
     """The next ones would not be later than those before."""
     kept = Kept(tmp_path)
-    before = (kept.folder / BIRTHS).read_bytes()
-    births = next_births(kept.folder, "other")
-    with FileJournal(log_of(kept.folder, 1), Opened(births.run, 1, births.birth)):
+    before = (kept.folder / INCARNATIONS).read_bytes()
+    incarnations = next_incarnations(kept.folder, "other")
+    with FileJournal(log_of(kept.folder, 1), Opened(incarnations.run, 1, incarnations.incarnation)):
         pass
     assert not kept.refusal()
-    (kept.folder / BIRTHS).write_bytes(before)
-    assert re.search(r"births: the birth is 1, .* was opened in birth 1000001", kept.refusal())
+    (kept.folder / INCARNATIONS).write_bytes(before)
+    assert re.search(
+        r"incarnations: the incarnation is 1, .* was opened in incarnation 1000001", kept.refusal()
+    )
 
 
 @pytest.mark.parametrize("spec", ["hex:n=5", "arm:n=6", "agv:graph=grid6x6,n=6"])
 def test_the_keepers_of_an_attempt_are_those_of_its_plan(spec: str) -> None:
     """Also where it was not planned again."""
     run = FreeRun(spec, keepers=3)
-    asked = [each for said in run.play(10) if isinstance(said, Asks) for each in said.parts]
+    asked = [each for said in run.play(10) if isinstance(said, Requests) for each in said.parts]
     attempts = [each for each in asked if isinstance(each, Attempt)]
     assert attempts
     for each in attempts:
@@ -137,7 +139,7 @@ def test_the_keepers_of_an_attempt_are_those_of_its_plan(spec: str) -> None:
 
 
 def test_logs_of_another_run_are_refused(tmp_path: Path) -> None:
-    """Of the same scene, with births of their own: other commits are on record."""
+    """Of the same scene, with incarnations of their own: other commits are on record."""
     kept = Kept(tmp_path)
     (tmp_path / "other").mkdir()
     other = Kept(tmp_path / "other", seed=2)

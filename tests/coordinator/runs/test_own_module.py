@@ -71,7 +71,7 @@ def test_it_reaches_its_goal_together_with_modules_of_cubepath(outcome: Outcome)
     assert {each.claim for each in own} == {"none", "granted", "lost"}
     assert site_from_json(own[-1].site) == (recording.scene.goals[MODULE][0], MODULE)
     assert any(each.module == MODULE for each in parts(recording, "verdict"))
-    said = [json.loads(each.data) for each in recording.records if each.topic == "said/process_0"]
+    said = [json.loads(each.data) for each in recording.records if each.topic == "bundle/process_0"]
     assert {each["region"] for each in said} == {"0,0", "1,0"}
 
 
@@ -105,8 +105,8 @@ def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]
         if message["process"] == 0:
             asked = {name: message[name] for name in ("round", "phase", "region")}
             root = "/".join(key.split("/")[:2])
-            text = json.dumps({"kind": "again", "process": 1, **asked})
-            put(session, f"{root}/again/process_1", text.encode())
+            text = json.dumps({"kind": "retransmit", "process": 1, **asked})
+            put(session, f"{root}/retransmit/process_1", text.encode())
 
     with open_client(endpoint) as session:
         session.declare_subscriber(
@@ -142,7 +142,7 @@ def test_what_comes_twice_and_is_asked_again_changes_nothing(
     with rig(tmp_path / "run.mcap") as run, meddler(run.run.endpoint, all_heard):
         found = played(run)
         records = read_recording(tmp_path / "run.mcap").records
-        said = {each.data for each in records if each.topic == "said/process_0"}
+        said = {each.data for each in records if each.topic == "bundle/process_0"}
         deadline = time.monotonic() + END_S
         while not said <= heard().keys() and time.monotonic() < deadline:
             time.sleep(0.05)  # the last may still be on their way
@@ -169,10 +169,10 @@ def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome, tmp_path:
 
 
 LOST: list[dict[str, Any]] = [
-    {"what": "said", "round": 2, "phase": "sense", "sender": "process_1", "to": "own"},
+    {"what": "bundle", "round": 2, "phase": "sense", "sender": "process_1", "to": "own"},
     {"what": "go", "round": 3, "phase": "claim", "to": "own"},
-    {"what": "said", "round": 4, "phase": "claim", "sender": "process_2", "to": "own"},
-    {"what": "said", "round": 5, "phase": "sense", "sender": "own"},
+    {"what": "bundle", "round": 4, "phase": "claim", "sender": "process_2", "to": "own"},
+    {"what": "bundle", "round": 5, "phase": "sense", "sender": "own"},
     {"what": "ready", "round": 6, "phase": "claim", "sender": "own"},
     {"what": "reports", "round": 7, "sender": "own"},
     {"what": "go", "round": 8, "phase": "settle", "to": "own"},

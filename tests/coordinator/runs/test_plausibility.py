@@ -17,15 +17,15 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import (
+    Bundle,
     Claim,
     Go,
-    Here,
     Message,
     Part,
+    Presence,
     Ready,
     Report,
     Reports,
-    Said,
     Verdict,
     decode,
     encode,
@@ -56,7 +56,7 @@ def plausibility(seed: int = SEED) -> Plausibility:
 
 def here(*modules: int) -> list[Part]:
     """Return that these are where they are."""
-    return [Here(1, module, START[module]) for module in modules]
+    return [Presence(1, module, START[module]) for module in modules]
 
 
 def claim(module: int, move: GeneratorPlacement) -> Claim:
@@ -68,9 +68,9 @@ CLAIMS = [claim(0, RIGHT), claim(1, LEFT)]
 VERDICT = Verdict(1, 0, 0, True, [2])
 
 
-def said(process: int, phase: Phase, *parts: Part, number: int = 0, region: str = "0") -> Said:
+def said(process: int, phase: Phase, *parts: Part, number: int = 0, region: str = "0") -> Bundle:
     """Return what a process says in round 1."""
-    return Said(1, phase, process, region, number, list(parts))
+    return Bundle(1, phase, process, region, number, list(parts))
 
 
 def ready(process: int, phase: Phase, said: int = 1, region: str = "0") -> Ready:
@@ -132,8 +132,8 @@ def test_an_honest_round_is_taken() -> None:
     told(found, *ROUND)
     found.carry_out({0: moves(0, RIGHT, 1), **{n: stays(n) for n in (1, 2, 3)}})
     assert found.sites == [1, 2, 9, 11]
-    here_now = [Here(2, 0, 1), Here(2, 1, 2)]
-    told(found, Said(2, "sense", 0, "0", 0, [*here_now]), Ready(2, 0, "sense", {"0": 1}))
+    here_now = [Presence(2, 0, 1), Presence(2, 1, 2)]
+    told(found, Bundle(2, "sense", 0, "0", 0, [*here_now]), Ready(2, 0, "sense", {"0": 1}))
     told(found, Reports(2, 0, [Report(2, n, n + 1, n + 1, "none", None, {}) for n in (0, 1)]))
 
 
@@ -147,16 +147,16 @@ def test_the_coordinator_may_say_what_it_likes() -> None:
     [
         (
             "sense",
-            said(0, "sense", Here(1, 0, 5), Here(1, 1, 2)),
+            said(0, "sense", Presence(1, 0, 5), Presence(1, 1, 2)),
             "impossible",
-            "here of module_0 from 5: it is at 0",
+            "presence of module_0 from 5: it is at 0",
         ),
         ("sense", said(0, "sense"), "out of place", "nothing is said to 0"),
         (
             "sense",
             said(0, "sense", *here(0, 1), region="1"),
             "out of place",
-            "here of module_0 to 1: nobody is there to hear it",
+            "presence of module_0 to 1: nobody is there to hear it",
         ),
         (
             "claim",
@@ -240,17 +240,17 @@ def in_row() -> Plausibility:
     return found
 
 
-def in_region(region: str, *parts: Part, phase: Phase = "sense") -> Said:
+def in_region(region: str, *parts: Part, phase: Phase = "sense") -> Bundle:
     """Return what vehicle 0 says to a region."""
     return said(0, phase, *parts, region=region)
 
 
 def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
     """Who says nothing to one of them, or another thing, is refused."""
-    one = Here(1, 0, [7, 0])
+    one = Presence(1, 0, [7, 0])
     found = in_row()
     told(found, in_region("0,0", one))
-    line = "no here of module_0 to 1,0"
+    line = "no presence of module_0 to 1,0"
     assert refused(found, Ready(1, 0, "sense", {"0,0": 1})) == ("contradicts", line, None)
     told(found, in_region("1,0", one), Ready(1, 0, "sense", {"0,0": 1, "1,0": 1}))
     claims = [Claim(1, 0, [7, 0], "edge", [[at, 0], [at + 1, 0]]) for at in (6, 7)]

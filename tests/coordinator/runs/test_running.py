@@ -120,7 +120,7 @@ def test_a_run_without_rounds_is_listened_to(tmp_path: Path) -> None:
     """Steps are moves, a keeper is killed and started again, and the goal is reached."""
     plan = Plan("hex:n=5", clock="free", keepers=2, processes=2, on_crash="continue")
     with start(plan, log=tmp_path / "a.mcap") as running:
-        moves = running.tap("moved")
+        moves = running.tap("commit")
         running.step(3)
         assert running.gathered.moves >= 3
         assert len(moves) >= 3
@@ -219,7 +219,7 @@ def test_a_kind_that_no_message_has_is_refused(tmp_path: Path) -> None:
         running.messages("summry")
     with pytest.raises(InputError, match=r"^kind 5: expected the name of a kind"):
         running.tap(5)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
-    running.tap("claim", "hold", "held", "turn", "shown", "moved", "summary", "certificate")
+    running.tap("claim", "hold", "held", "turn", "place", "commit", "summary", "certificate")
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ KEYS = [
         "to/0,0/process_1",
         "go/coordinator",
         "go/process_0",
-        "acts/process_0",
+        "actions/process_0",
     )
 ]
 

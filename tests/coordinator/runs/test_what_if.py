@@ -52,7 +52,7 @@ def gone_on(parent: Recording, rule: str, from_round: int, **options: Any) -> Ou
 def said(recording: Recording, before: int) -> list[set[bytes]]:
     """Return what modules said and reported in the rounds before one, each round a set of bytes."""
     found: list[set[bytes]] = [set() for _ in range(before)]
-    for part in parts(recording, "here", "note", "claim", "verdict", "report"):
+    for part in parts(recording, "presence", "note", "claim", "verdict", "report"):
         if part.round < before:
             found[part.round].add(encode(part))
     return found

@@ -17,7 +17,7 @@ from cubepath.coordinator.simulation.simulated import LIE, SimulatedRun, simulat
 from cubepath.coordinator.simulation.swarm import LockstepSwarm
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Here, Refused, Said, decode, encode
+from cubepath.protocol.wire.messages import Bundle, Presence, Refused, decode, encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 
 GRID = Scenario("agv:graph=grid12x3,n=6", "random", 3, 0.0, 6, 0)
@@ -39,7 +39,7 @@ def lied(kind: str, least: int = 0) -> SimulatedRun:
 def refused(found: SimulatedRun) -> set[tuple[str, str]]:
     """Return who was refused, and why in a word."""
     messages = [decode(each.data) for each in found.recording.records if each.kind == "refused"]
-    return {(each.who, each.reason) for each in messages if isinstance(each, Refused)}
+    return {(each.sender, each.reason) for each in messages if isinstance(each, Refused)}
 
 
 @pytest.mark.few(3)
@@ -136,9 +136,9 @@ class Forger(HostNode):
         if not isinstance(effect, Put):
             return effect
         message = decode(effect.data)
-        if not isinstance(message, Said) or self._config.process:
+        if not isinstance(message, Bundle) or self._config.process:
             return effect
-        parts = [Here(each.round, each.module, [11, 2]) for each in message.parts]
+        parts = [Presence(each.round, each.module, [11, 2]) for each in message.parts]
         return Put(effect.key, encode(msgspec.structs.replace(message, parts=parts)))
 
 

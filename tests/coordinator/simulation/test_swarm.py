@@ -25,7 +25,7 @@ from cubepath.coordinator.simulation.swarm import (
 )
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.wire.messages import Claim, Go, Here, Ready, Reports, Said, encode
+from cubepath.protocol.wire.messages import Bundle, Claim, Go, Presence, Ready, Reports, encode
 from exploration.planted import Raises, TakesDoubles
 from processes.command_line import cubepath
 
@@ -162,10 +162,10 @@ def test_the_command_replays_the_seed_alone() -> None:
 
 def test_messages_are_labelled() -> None:
     """In a few words: the kind, the round, and where it goes."""
-    here = Here(3, 1, [0, 0])
+    here = Presence(3, 1, [0, 0])
     claim = Claim(3, 1, [0, 0], "left", [0, 0])
-    said = Said(3, "sense", 0, "0,1", 0, [here, here, claim])
-    assert label(encode(said)) == "2 here, claim to 0,1"
+    said = Bundle(3, "sense", 0, "0,1", 0, [here, here, claim])
+    assert label(encode(said)) == "2 presence, claim to 0,1"
     assert label(encode(Go(3, "claim"))) == "go 3 claim"
     assert label(encode(Ready(3, 0, "claim"))) == "ready 3 claim"
     assert label(encode(Reports(3, 0, []))) == "reports 3"

@@ -58,7 +58,7 @@ WRONG: list[tuple[Callable[[], object], str]] = [
         lambda: rule(action="dorp"),
         "action=dorp: expected one of drop, delay, double, hold, reorder",
     ),
-    (lambda: rule(pattern="said"), "pattern='said': expected a Pattern"),
+    (lambda: rule(pattern="bundle"), "pattern='bundle': expected a Pattern"),
     (lambda: rule(seed="x"), "seed='x': expected a whole number"),
     (lambda: rule().wait(FIVE, NOTHING), "timeout_s=None: expected 0 to 3600"),
     (lambda: rule().wait(NOTHING), "times=None: expected a whole number"),
@@ -93,8 +93,8 @@ def test_rules_and_plans_are_told_in_one_line() -> None:
     def mine(_: object) -> bool:
         return True
 
-    assert repr(rule(pattern=Pattern(kind="said", where=mine))) == (
-        "<drop kind=said, where=mine: met 0>"
+    assert repr(rule(pattern=Pattern(kind="bundle", where=mine))) == (
+        "<drop kind=bundle, where=mine: met 0>"
     )
     assert repr(rule(pattern=Pattern(where=Odd()))) == "<drop where=Odd: met 0>"
     assert repr(PlannedFault(mine, lambda: None)) == "<planned: to come>"

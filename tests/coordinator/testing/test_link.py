@@ -102,7 +102,7 @@ def ends(both_ends: Ends) -> Iterator[Ends]:
 @pytest.mark.parametrize("count", [2000, pytest.param(20_000, marks=pytest.mark.thorough)])
 def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -> None:
     """Twenty thousand messages, with a rule that is asked about each and meets none."""
-    ends.link.add(Rule(action="drop", pattern=Pattern(kind="said")))
+    ends.link.add(Rule(action="drop", pattern=Pattern(kind="bundle")))
     sent = [ready(number) for number in range(count)]
     ends.say(key, *sent)
     assert ends.hear(key, count) == sent
@@ -311,7 +311,7 @@ def test_numbers_out_of_bounds_are_one_line(options: dict[str, float], line: str
 
 def test_an_unknown_kind_is_one_line_with_the_known_ones() -> None:
     """A rule that can meet nothing is a mistake."""
-    with pytest.raises(InputError, match=r"^kind=calim: expected one of act, .*, claim, "):
+    with pytest.raises(InputError, match=r"^kind=calim: expected one of action, .*, claim, "):
         Pattern(kind="calim")
 
 

@@ -114,7 +114,7 @@ def test_runs_that_differ_are_shown_where_they_first_do() -> None:
 def test_runs_that_have_nothing_in_common_on_record() -> None:
     """Why it is not told where they part, in a line."""
     recording = free_recorded("agv:graph=grid3x3,n=4", seed=4, moves=12)
-    kept = [each for each in recording.records if each.kind not in ("moved", "tail", "summary")]
+    kept = [each for each in recording.records if each.kind not in ("commit", "commits", "summary")]
     one, other = RunLog(recording), RunLog(with_records(recording, kept))
     text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
     assert "nothing to compare, as its first commits are not on record" in text
@@ -135,7 +135,7 @@ def test_order_and_counts() -> None:
     log.assert_count(4, "report", module=3)
     log.assert_count(range(1, 7), "claim", round=1)
     fails(lambda: log.assert_order("report", "claim"), "^'claim' comes before 'report': message ")
-    fails(lambda: log.assert_order("act", "claim"), "^no message is 'act', expected one")
+    fails(lambda: log.assert_order("action", "claim"), "^no message is 'action', expected one")
     fails(
         lambda: log.assert_count(3, "report", module=3),
         "^4 messages are 'kind=report, module=3', expected 3$",
@@ -157,7 +157,7 @@ def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processe
         RunLog(recorded("agv:graph=grid10x4,n=8", "random", processes=processes, rounds=5))
         for processes in (1, 2, 4)
     ]
-    for kind in ("here", "claim", "verdict", "report"):
+    for kind in ("presence", "claim", "verdict", "report"):
         texts = [sorted(map(str, log.messages(kind))) for log in logs]
         assert texts[0] == texts[1] == texts[2]
         (count,) = {log.count(kind) for log in logs}
@@ -189,7 +189,7 @@ def test_what_could_never_be_on_record_is_refused() -> None:
         (lambda: log.count("claim", module=99), r"module=99: expected 0 to \d+$"),
         (lambda: log.count("claim", modul=1), r"modul: .* \(did you mean 'module'\?\)"),
         (lambda: log.count("claim", sender="proces_0"), "sender=proces_0: .*mean 'process_0'"),
-        (lambda: log.count("claim", kind="said"), "kind=said: expected one kind, found claim"),
+        (lambda: log.count("claim", kind="bundle"), "kind=bundle: expected one kind, found claim"),
         (lambda: log.assert_claimed(1, 2, anything("grantd")), "result=grantd: .*'granted'"),
         (lambda: log.assert_count(anything("x"), "claim"), "expected='x': expected a whole number"),
         (lambda: log.messages(anything(5)), "5: expected a kind of message, or a Pattern"),

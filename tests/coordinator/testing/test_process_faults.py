@@ -54,7 +54,7 @@ def test_what_is_planned_and_raises_fails_the_test(cubepath_run: RunFixture) -> 
     assert repr(planned) == "<planned: to come>"
     with pytest.raises(InputError, match=r"^this is mine$"):
         rig.play()
-    assert repr(planned) == f"<planned: done at said of {planned.at and planned.at.sender}>"
+    assert repr(planned) == f"<planned: done at bundle of {planned.at and planned.at.sender}>"
     rig.until_goal()
     rig.finish().assert_legal()
 

@@ -14,7 +14,7 @@ from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import replay_into
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import belongs
-from cubepath.protocol.wire.messages import Reports, Said, decode
+from cubepath.protocol.wire.messages import Bundle, Reports, decode
 from cubepath.protocol.wire.nodes import Put
 from processes.command_line import GOLDEN
 from samples.recordings import recorded
@@ -52,7 +52,7 @@ def test_a_free_recording_is_replayed_as_well(cubepath_replay: ReplayFixture) ->
     path = GOLDEN / "hex-free-5.mcap"
     kinds = Counter(cubepath_replay.into(path, lambda seen: seen.key.split("/")[2]))
     log = RunLog.read(path)
-    assert kinds["moved"] == log.count("moved") > 0
+    assert kinds["commit"] == log.count("commit") > 0
 
 
 def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
@@ -76,7 +76,7 @@ def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
     )
     puts = [decode(each.data) for each in heard if isinstance(each, Put)]
     due = [each.message for each in log.deliveries(sender="process_0")]
-    kinds = (Said, Reports)
+    kinds = (Bundle, Reports)
     assert [each for each in puts if isinstance(each, kinds)] == [
         each for each in due if isinstance(each, kinds)
     ]
@@ -85,7 +85,7 @@ def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
 def test_a_process_hears_it_on_a_wire(cubepath_replay: ReplayFixture) -> None:
     """It is waited for until it listens, so that it misses nothing."""
     log = RunLog.read(GOLDEN / "agv-3.mcap")
-    count = sum(log.count(kind) for kind in ("said", "reports"))
+    count = sum(log.count(kind) for kind in ("bundle", "reports"))
     command = [sys.executable, "-c", READER, "{endpoint}", "{run}", str(count)]
     found = cubepath_replay.to(log, command)
     assert found.replayed.same

@@ -50,15 +50,15 @@ def reached(rig: RunUnderTest) -> str:
 Wound = Callable[[RunUnderTest], Any]
 LONG: Any = pytest.mark.thorough
 WOUNDS: list[Any] = [
-    pytest.param(lambda rig: rig.double("said"), id="doubled", marks=LONG),
+    pytest.param(lambda rig: rig.double("bundle"), id="doubled", marks=LONG),
     pytest.param(lambda rig: rig.drop("ready", sender="process_1", times=2), id="lost", marks=LONG),
     pytest.param(
         lambda rig: rig.drop("go", to=0, round=3, phase="claim", times=1), id="go lost", marks=LONG
     ),
     pytest.param(lambda rig: rig.drop(probability=0.01, seed=5), id="by chance", marks=LONG),
     pytest.param(lambda rig: rig.delay(0.02, sender="process_0", times=20), id="late", marks=LONG),
-    pytest.param(lambda rig: rig.reorder("said", by=3), id="overtaken", marks=LONG),
-    pytest.param(lambda rig: rig.hold("said", round=3, seconds=0.3), id="held back", marks=LONG),
+    pytest.param(lambda rig: rig.reorder("bundle", by=3), id="overtaken", marks=LONG),
+    pytest.param(lambda rig: rig.hold("bundle", round=3, seconds=0.3), id="held back", marks=LONG),
     pytest.param(lambda rig: rig.pause(0, at="claim", seconds=0.3), id="paused"),
     pytest.param(
         lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True), id="cut off", marks=LONG
@@ -92,14 +92,14 @@ def test_ten_lines_kill_a_module(cubepath_run: RunFixture) -> None:
 def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: RunFixture) -> None:
     """Paused, cut off for a while, killed and started again, with links that lose."""
     rig = cubepath_run("hex:n=7", clock="free", keepers=2)
-    lost = rig.drop("shows", probability=0.2)
+    lost = rig.drop("tile", probability=0.2)
     rig.until_moves(3)
     rig.pause(name, seconds=0.5)
     rig.until_moves(6)
     rig.cut_off(name)
     healed = rig.heal(name, at="turns")
     rig.until(lambda _: healed.done)
-    rig.kill(name, at="moved")
+    rig.kill(name, at="commit")
     rig.until(lambda _: name not in rig.pids)
     rig.restart(name)
     rig.until_goal()
@@ -112,7 +112,7 @@ def test_processes_of_others_take_part(cubepath_run: RunFixture) -> None:
     """They are named and wounded as ours are, by a name or by one of their modules."""
     rig = cubepath_run(VEHICLES, seed=0, commands={"mine": OWN})
     assert rig.name_of(1) == rig.name_of("module_1") == "mine"
-    deaf = rig.drop("said", to=1, times=2)
+    deaf = rig.drop("bundle", to=1, times=2)
     mute = rig.drop("reports", sender="mine", round=7)
     paused = rig.pause(1, at=5, seconds=0.3)
     mute.times = 1
@@ -134,7 +134,7 @@ def test_messages_and_states_are_awaited(cubepath_run: RunFixture) -> None:
     assert rig.round == 2
     claim = rig.until("claim", module=1)
     assert isinstance(claim, WireMessage)
-    assert (claim.kind, claim.round) == ("said", rig.round)
+    assert (claim.kind, claim.round) == ("bundle", rig.round)
     assert 1 in claim.modules
     rig.until(lambda each: each.round >= 5 and each.moves > 3)
     rig.until_round(7)
@@ -204,11 +204,13 @@ def test_a_run_that_fails_fails_the_test(cubepath_run: RunFixture) -> None:
 def test_what_does_not_come_in_time_is_told(cubepath_run: RunFixture) -> None:
     """With the pattern, and at once where who would have to say it has died."""
     rig = cubepath_run("hex:n=4", "random", clock="free", timeout_s=1.0, patience=20.0)
-    failing(lambda: rig.until("act"), r"^not within 1 s: a message with kind=act\nlevel \d+, ")
+    failing(
+        lambda: rig.until("action"), r"^not within 1 s: a message with kind=action\nlevel \d+, "
+    )
     os.kill(rig.pids["process_1"], signal.SIGKILL)
     failing(
-        lambda: rig.until("act", timeout_s=20),
-        r"^while waiting for a message with kind=act: process_1 has died \(killed by signal 9\)",
+        lambda: rig.until("action", timeout_s=20),
+        r"^while waiting for a message with kind=action: process_1 has died \(killed by signal 9\)",
     )
 
 
@@ -250,7 +252,7 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: RunFixture) -> None:
     wrong: list[tuple[Callable[[], object], str]] = [
         (lambda: rig.kill("process_9"), "process_9: expected one of process_0, process_1, "),
         (lambda: rig.cut_off("router"), "router: has no link, the processes that have one: "),
-        (lambda: rig.drop("said", to="process_7"), "process_7: has no link, "),
+        (lambda: rig.drop("bundle", to="process_7"), "process_7: has no link, "),
         (lambda: rig.drop("calim"), "kind=calim: expected one of .*did you mean 'claim'"),
         (lambda: rig.kill("proces_0", at=2), "proces_0: expected one of .*did you mean 'process_"),
         (lambda: rig.pause("process_9", at=2), "process_9: expected one of process_0, "),
@@ -271,9 +273,9 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: RunFixture) -> None:
         (lambda: rig.drop("claim", times="x"), "times='x': expected a whole number"),
         (lambda: rig.drop("claim", where=5), "where=5: expected a function of a message"),
         (lambda: rig.drop(process=1), "process: expected one of kind, round, "),
-        (lambda: rig.drop("said", seconds=3), "seconds: expected one of kind, round, .*, seed"),
-        (lambda: rig.hold("said", by=2), "by: expected one of kind, round, .*, seed, seconds"),
-        (lambda: rig.hold("said", seconds=0), "seconds=0: expected more than 0, or rule.release"),
+        (lambda: rig.drop("bundle", seconds=3), "seconds: expected one of kind, round, .*, seed"),
+        (lambda: rig.hold("bundle", by=2), "by: expected one of kind, round, .*, seed, seconds"),
+        (lambda: rig.hold("bundle", seconds=0), "seconds=0: expected more than 0, or rule.release"),
         (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
         (lambda: rig.until_round(anything("x")), "until_round='x': expected a whole number"),
         (lambda: rig.until_moves(anything(None)), "until_moves=None: expected a whole number"),
@@ -298,13 +300,13 @@ def test_without_links_the_wire_is_as_it_is(cubepath_run: RunFixture, digest: st
     """Rules need one; named processes have one alone."""
     rig = cubepath_run(SYSTEM, links=False)
     with pytest.raises(InputError, match=r"^drop: no process has a link, expected links=True$"):
-        rig.drop("said")
+        rig.drop("bundle")
     assert not rig.links
     rig = cubepath_run(SYSTEM, links=["process_1"])
     assert list(rig.links) == ["process_1"]
     with pytest.raises(InputError, match=r"^process_0: has no link, .* have one: process_1 "):
-        rig.drop("said", sender="process_0")
-    rule = rig.drop("said", to="process_1", sender="process_0", times=1)
+        rig.drop("bundle", sender="process_0")
+    rule = rig.drop("bundle", to="process_1", sender="process_0", times=1)
     assert rule.pattern.sender == "process_0"
     rule.stop()
     with pytest.raises(InputError, match=r"^links: proces_1: expected one of process_0, "):

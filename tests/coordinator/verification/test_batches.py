@@ -14,11 +14,11 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
-    Again,
+    Bundle,
     Message,
     Report,
     Reports,
-    Said,
+    Retransmit,
     Waiting,
     decode,
     encode,
@@ -50,7 +50,7 @@ def said_of(recording: Recording, check: str) -> str:
 
 def test_the_parts_of_a_kind_are_found_in_batches() -> None:
     """`of_kind` gives them as records of their own, with their own topics; none stands alone."""
-    assert not {"here", "note", "claim", "verdict", "report"} & {
+    assert not {"presence", "note", "claim", "verdict", "report"} & {
         each.kind for each in whole().records
     }
     reports = [(each.topic, each.round) for each in whole().of_kind("report")]
@@ -71,7 +71,7 @@ def test_what_is_said_or_asked_again_is_no_fault() -> None:
     """Parts for several regions, `again` and `waiting`, as often as they come."""
     recording = whole()
     place, batch = first_batch(recording, "claim", 2)
-    more: tuple[Message, ...] = (Again(2, 0, "claim", "elsewhere"), Waiting(2, 0, "claim"))
+    more: tuple[Message, ...] = (Retransmit(2, 0, "claim", "elsewhere"), Waiting(2, 0, "claim"))
     assert verify(with_message(recording, place, *more, batch, *more, *more)).ok
 
 
@@ -79,13 +79,13 @@ def test_a_part_that_differs_between_two_batches_is_named() -> None:
     """By its own kind and module."""
     recording = whole()
     place, batch = first_batch(recording, "note", 3)
-    assert isinstance(batch, Said)
+    assert isinstance(batch, Bundle)
     at = next(n for n, part in enumerate(batch.parts) if kind_of(part) == "note")
     parts: list[Any] = [*batch.parts]
     parts[at] = replace(parts[at], note=[9 for _ in parts[at].note])
     found = with_message(recording, place, batch, replace(batch, region="other", parts=parts))
     module = parts[at].module
-    told = said_of(found, "said")
+    told = said_of(found, "bundle")
     assert told.startswith(f"round 3, module_{module}: note comes twice, and differs (and ")
 
 
@@ -114,15 +114,15 @@ def test_a_part_goes_to_every_region_that_it_is_for() -> None:
     places = [
         (place, message)
         for place, message in enumerate(decode(each.data) for each in recording.records)
-        if isinstance(message, Said) and message.phase == "sense" and message.round == 2
+        if isinstance(message, Bundle) and message.phase == "sense" and message.round == 2
     ]
     assert len({message.region for _, message in places}) >= 2
     for place, message in places:
-        told = said_of(with_message(recording, place), "said")
-        assert "no here" in told or f"does not go to region {message.region}" in told
+        told = said_of(with_message(recording, place), "bundle")
+        assert "no presence" in told or f"does not go to region {message.region}" in told
     place, batch = first_batch(recording, "report", 3)
     other = replace(batch, process=1 - batch.process)
-    told = said_of(with_message(recording, place, batch, other), "said")
+    told = said_of(with_message(recording, place, batch, other), "bundle")
     assert f"comes from process_{other.process}, but the module is in process_" in told
 
 
@@ -141,13 +141,13 @@ def test_a_part_of_another_round_than_its_batch_is_named() -> None:
 def test_a_batch_under_another_topic_or_round_is_named() -> None:
     """As a single message is."""
     recording = whole()
-    place, batch = first_batch(recording, "here", 2)
+    place, batch = first_batch(recording, "presence", 2)
     records = list(recording.records)
-    wrong = Record("said/process_7", encode(batch), 3, 0, place)
+    wrong = Record("bundle/process_7", encode(batch), 3, 0, place)
     records[place] = wrong
     told = said_of(with_records(recording, records), "messages")
     assert told == (
-        f"message {place} (said/process_7, round 3) is said/process_{batch.process} of round 2"
+        f"message {place} (bundle/process_7, round 3) is bundle/process_{batch.process} of round 2"
     )
 
 
@@ -157,12 +157,12 @@ def test_what_a_module_heard_is_checked_by_kind_and_sender(change: str) -> None:
     recording = whole()
     place, batch = first_batch(recording, "report", 2)
     assert isinstance(batch, Reports)
-    heard = [part.heard for part in batch.parts]
-    at = next(place for place, each in enumerate(heard) if len(each.get("here", ())) > 1)
-    report, here = batch.parts[at], heard[at]["here"]
+    heard = [part.received for part in batch.parts]
+    at = next(place for place, each in enumerate(heard) if len(each.get("presence", ())) > 1)
+    report, here = batch.parts[at], heard[at]["presence"]
     told = {"twice": [here[0], *here], "unsaid": [*here, report.module], "missed": here[1:]}[change]
     parts = [*batch.parts]
-    parts[at] = replace(report, heard={**heard[at], "here": told})
+    parts[at] = replace(report, received={**heard[at], "presence": told})
     found = with_message(recording, place, replace(batch, parts=parts))
     assert failing(verify(found)) == {"hearing" if change == "missed" else "deliveries"}
 
@@ -195,7 +195,7 @@ def test_a_report_by_itself_counts_in_a_recording_of_batches_but_is_named() -> N
 def test_a_site_that_is_none_of_the_system_is_no_crash(site: Any) -> None:
     """Of whatever form it is: where it was to go is not asked, and that it is wrong is said."""
     recording = recorded("arm:n=6", "word", rounds=20)
-    here = first(recording, "here")
-    assert "said" in failing(verify(edited(recording, here, replace(here, site=site))))
+    here = first(recording, "presence")
+    assert "bundle" in failing(verify(edited(recording, here, replace(here, site=site))))
     verdict = first(recording, "verdict")
     assert "claims" in failing(verify(edited(recording, verdict, replace(verdict, to=[site]))))

@@ -21,7 +21,7 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Moved, decode_free
+from cubepath.protocol.wire.free_messages import Commit, decode_free
 from samples.free_numbers import numbered
 from samples.free_runs import asked, free_recorded, free_run, results, write
 
@@ -84,29 +84,36 @@ def test_a_run_of_keepers_passes_every_check(spec: str, seed: int) -> None:
 
 NOT_PROVED = {
     # A question that changes nothing could have been another, and so could a reason.
-    "ask: keeper",
-    "ask: parts module",
-    "ask: parts birth",
-    "ask: parts tile",
-    "ask: parts serial",
-    "tell: parts why",
-    "pass: parts why",
+    "requests: keeper",
+    "requests: parts module",
+    "requests: parts incarnation",
+    "requests: parts tile",
+    "requests: parts serial",
+    "replies: parts reason",
+    "forwards: parts reason",
     # A refusal, or what is acknowledged, could be that of another attempt with the same outcome.
-    "tell: parts number",
-    "pass: parts epoch",
-    "pass: parts number",
+    "replies: parts number",
+    "forwards: parts epoch",
+    "forwards: parts number",
     # Two versions of a place look alike.
     "turns: parts sensed",
-    "turns: parts heard",
+    "turns: parts received",
     # A number that nothing else tells.
-    "shows: serial",
-    "shows: whole",
-    "tail: prepared",
-    "tail: refused",
-    # A message with another number is one that is missing, and as many as were said in its birth.
-    *(f"{kind}: birth" for kind in ("ask", "pass", "tell", "shows", "turns", "rest", "tail")),
+    "tile: serial",
+    "tile: whole",
+    "commits: prepared",
+    "commits: refused",
+    # A message with another number is one that is missing, and as many as were said in its
+    # incarnation.
+    *(
+        f"{kind}: incarnation"
+        for kind in ("requests", "forwards", "replies", "tile", "turns", "halted", "commits")
+    ),
     # So is one that now has the number of the next one, which says the same.
-    *(f"{kind}: said" for kind in ("ask", "pass", "tell", "shows", "turns", "rest", "tail")),
+    *(
+        f"{kind}: sequence"
+        for kind in ("requests", "forwards", "replies", "tile", "turns", "halted", "commits")
+    ),
 }
 
 
@@ -144,7 +151,7 @@ def test_in_a_longer_run_a_single_value_that_was_changed_is_found(spec: str) -> 
 def first_move(recording: Recording, where: Any = lambda _: True) -> tuple[int, Any]:
     """Return the place of the first move of which `where` holds, and its document."""
     for place, record in enumerate(recording.records):
-        if record.kind == "moved":
+        if record.kind == "commit":
             document = json.loads(record.data)
             if "generator" in document and where(document):
                 return place, document
@@ -157,7 +164,7 @@ def every_moved(recording: Recording, old: Any, new: Any) -> Recording:
     records: list[Record] = []
     for record in recording.records:
         data = record.data.replace(before, after)
-        if record.kind == "moved" and data == before:
+        if record.kind == "commit" and data == before:
             data = after
         records.append(replace(record, data=data))
     return replace(recording, records=tuple(records))
@@ -202,7 +209,7 @@ def test_commits_that_come_each_before_the_other_are_found() -> None:
     moves = [
         json.loads(record.data)
         for record in recording.records
-        if record.kind == "moved" and b'"generator"' in record.data
+        if record.kind == "commit" and b'"generator"' in record.data
     ]
     one, two = (
         moves[0],
@@ -314,13 +321,13 @@ def test_a_missing_commit_is_found_by_its_number() -> None:
     lost = next(
         each
         for record in recording.records
-        if record.kind == "moved" and isinstance(each := decode_free(record.data), Moved)
+        if record.kind == "commit" and isinstance(each := decode_free(record.data), Commit)
     )
     kept = tuple(
         record
         for record in recording.records
-        if record.kind not in {"moved", "tail"} or decode_free(record.data) != lost
-        if record.kind != "tail"
+        if record.kind not in {"commit", "commits"} or decode_free(record.data) != lost
+        if record.kind != "commits"
     )
     found = asked(replace(recording, records=kept))
     assert {"serials", "complete", "tails"} <= failing(found)
@@ -334,7 +341,7 @@ def test_a_unit_of_a_tail_that_the_system_does_not_have_is_found(place: object) 
     tails = [
         (number, document)
         for number, record in enumerate(recording.records)
-        if record.kind == "tail" and (document := json.loads(record.data))["units"]
+        if record.kind == "commits" and (document := json.loads(record.data))["units"]
     ]
     number, document = tails[-1]
     changed = put(document, ("units", 0, 0), place)

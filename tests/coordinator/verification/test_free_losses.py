@@ -13,19 +13,19 @@ from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
+    Commit,
     Entered,
     FreeMessage,
-    Moved,
-    Rest,
-    Shows,
-    Tells,
+    Halted,
+    Replies,
+    Requests,
+    TileUpdate,
     Turns,
     decode_free,
 )
 from cubepath.protocol.wire.messages import Summary, encode
-from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
 from samples.free_numbers import numbered
 from samples.free_runs import asked, free_recorded, free_run, results, write
 from samples.recordings import new_path
@@ -64,7 +64,7 @@ def said(kind: str) -> int:
 
 @pytest.mark.few(1)
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["ask", "turns", "pass", "tell", "shows"])
+@pytest.mark.parametrize("kind", ["requests", "turns", "forwards", "replies", "tile"])
 def test_any_message_may_be_missing(kind: str) -> None:
     """It is counted, nothing fails, and each kind leaves something that cannot be checked."""
     recording = free_recorded(SPEC, moves=MOVES, restarts=1)
@@ -75,7 +75,7 @@ def test_any_message_may_be_missing(kind: str) -> None:
         assert failing(result) == set(), (number, result.checks)
         assert result.missing.messages == 1
         found |= unchecked(result)
-    assert found or kind == "pass"  # whatever is passed on was asked for
+    assert found or kind == "forwards"  # whatever is passed on was asked for
 
 
 @pytest.mark.few(1)
@@ -87,7 +87,7 @@ def test_many_messages_in_a_row_may_be_missing(seed: int) -> None:
     third = len(list(recording.records)) // 3
     lost = {each.data for each in list(recording.records)[third : 2 * third]}
     result = asked(
-        without(recording, lambda each: getattr(each, "said", 0) > 0 and encode(each) in lost)
+        without(recording, lambda each: getattr(each, "sequence", 0) > 0 and encode(each) in lost)
     )
     assert failing(result) == set()
     assert result.missing.messages > 20
@@ -96,7 +96,9 @@ def test_many_messages_in_a_row_may_be_missing(seed: int) -> None:
 
 def attempting(message: FreeMessage) -> bool:
     """Return whether a message asks for a move."""
-    return isinstance(message, Asks) and any(isinstance(each, Attempt) for each in message.parts)
+    return isinstance(message, Requests) and any(
+        isinstance(each, Attempt) for each in message.parts
+    )
 
 
 @pytest.mark.parametrize(
@@ -104,11 +106,11 @@ def attempting(message: FreeMessage) -> bool:
     [
         ("attempts", attempting),
         ("turns", lambda each: isinstance(each, Turns) and each.parts[0].turn == 2),
-        ("turns", lambda each: isinstance(each, Shows)),
+        ("turns", lambda each: isinstance(each, TileUpdate)),
         (
             "turns",
             lambda each: (
-                isinstance(each, Tells) and any(isinstance(part, Entered) for part in each.parts)
+                isinstance(each, Replies) and any(isinstance(part, Entered) for part in each.parts)
             ),
         ),
     ],
@@ -130,7 +132,7 @@ def test_a_contradiction_fails_where_messages_are_missing() -> None:
         lambda each: isinstance(each, Turns) and each.parts[0].turn == 2,
     )
     assert failing(asked(recording)) == set()
-    for kind, change in (("moved", raised), ("ask", elsewhere)):
+    for kind, change in (("commit", raised), ("requests", elsewhere)):
         changed, records = False, list(recording.records)
         for place, record in enumerate(records):
             message = decode_free(record.data)
@@ -143,14 +145,14 @@ def test_a_contradiction_fails_where_messages_are_missing() -> None:
 
 def raised(message: FreeMessage) -> FreeMessage | None:
     """Return a move at another level."""
-    if isinstance(message, Moved) and message.generator is not None:
+    if isinstance(message, Commit) and message.generator is not None:
         return msgspec.structs.replace(message, level=message.level + 1)
     return None
 
 
 def elsewhere(message: FreeMessage) -> FreeMessage | None:
     """Return an attempt that sensed nothing where it sensed something."""
-    for part in message.parts if isinstance(message, Asks) else ():
+    for part in message.parts if isinstance(message, Requests) else ():
         if isinstance(part, Attempt) and any(site for _, site in part.sensed):
             sensed = [(unit, None) for unit, _ in part.sensed]
             return msgspec.structs.replace(
@@ -194,11 +196,11 @@ def test_every_process_rests_at_the_end(processes: dict[str, str | None]) -> Non
     recording = replace(whole, parameters=kept)
     assert failing(asked(recording)) == ({"complete"} if processes.get("processes") else set())
     for number in range(2):
-        is_rest = partial(said_by, Rest, number)
+        is_rest = partial(said_by, Halted, number)
         assert failing(asked(without(recording, is_rest))) == {"complete"}
 
 
-def said_by(kind: type[Rest], process: int, message: FreeMessage) -> bool:
+def said_by(kind: type[Halted], process: int, message: FreeMessage) -> bool:
     """Return whether a message is of a kind and a process."""
     return isinstance(message, kind) and message.process == process
 
@@ -207,7 +209,7 @@ def said_by(kind: type[Rest], process: int, message: FreeMessage) -> bool:
 @pytest.mark.parametrize("ended", ["failed", "max-rounds"])
 def test_where_a_process_may_be_dead_its_end_is_not_checked(on_crash: str, ended: str) -> None:
     """It may have died before it could say that it rests, in a run that failed or went on."""
-    whole = without(free_recorded(SPEC, moves=MOVES), partial(said_by, Rest, 1))
+    whole = without(free_recorded(SPEC, moves=MOVES), partial(said_by, Halted, 1))
     (record,) = whole.of_kind("summary")
     error = None if ended == "max-rounds" else "process_1 died"
     summary = decode_free(record.data)
@@ -236,20 +238,20 @@ def test_two_messages_with_one_number_are_found() -> None:
     message = decode_free(records[place].data)
     records[place] = replace(
         records[place],
-        data=encode(msgspec.structs.replace(message, said=getattr(message, "said", 0) + 1)),
+        data=encode(msgspec.structs.replace(message, sequence=getattr(message, "sequence", 0) + 1)),
     )
     assert "messages" in failing(asked(replace(recording, records=tuple(records))))
 
 
 def test_the_end_of_a_fleet_before_the_last_may_be_cut_off() -> None:
-    """A run that was taken up again has births that are much later."""
+    """A run that was taken up again has incarnations that are much later."""
     scene, messages = free_run(SPEC, moves=MOVES)
     recording = in_whole([each for each in messages if not attempting(each)], scene)
     assert "attempts" in failing(asked(recording))
     records = list(recording.records)
-    place = max(n for n, each in enumerate(records) if each.kind == "tail")
+    place = max(n for n, each in enumerate(records) if each.kind == "commits")
     tail = decode_free(records[place].data)
-    later = msgspec.structs.replace(tail, birth=1 + BIRTHS_OF_A_FLEET, said=1)
+    later = msgspec.structs.replace(tail, incarnation=1 + INCARNATIONS_OF_A_FLEET, sequence=1)
     records[place] = replace(records[place], data=encode(later))
     found = asked(replace(recording, records=tuple(records)))
     assert failing(found) == set()

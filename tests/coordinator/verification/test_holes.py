@@ -74,7 +74,7 @@ def test_what_is_wrong_on_either_side_of_a_hole_is_found(tmp_path: Path) -> None
     damaged = with_hole("hex-5", 3, tmp_path)
     records = list(damaged.records)
     assert hole_in(replace(damaged, records=records)) == hole_in(damaged)
-    behind = [*records[:-1], replace(records[-1], topic="here/module_0")]
+    behind = [*records[:-1], replace(records[-1], topic="presence/module_0")]
     found = verify(replace(damaged, records=behind, problems=(), parameters=recovered(damaged)))
     assert [*told(found, ok=False, checked=True)] == ["messages"]
     place = next(n for n, each in enumerate(records) if each.kind == "edges")

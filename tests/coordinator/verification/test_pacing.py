@@ -10,13 +10,13 @@ from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import (
-    Again,
+    Bundle,
     Go,
     Message,
     Observations,
     Ready,
     Reports,
-    Said,
+    Retransmit,
     Waiting,
 )
 from samples.recordings import recorded
@@ -43,11 +43,11 @@ JOINED = (Ready(0, 1, "join"), Ready(0, 0, "join"))
 SENSED = (
     *JOINED,
     Go(1, "sense"),
-    Said(1, "sense", 0, "0,0", 0, []),
+    Bundle(1, "sense", 0, "0,0", 0, []),
     Ready(1, 0, "sense", {"0,0": 1}),
     Ready(1, 1, "sense", {"0,0": 1, "0,1": 1}),
-    Said(1, "sense", 1, "0,1", 0, []),
-    Said(1, "sense", 1, "0,0", 0, []),
+    Bundle(1, "sense", 1, "0,1", 0, []),
+    Bundle(1, "sense", 1, "0,0", 0, []),
 )
 CLAIMED = (
     *SENSED,
@@ -72,7 +72,7 @@ SETTLED = (
         (Go(2, "sense"),),
         (Go(1, "over"), Ready(1, 0, "over"), Ready(1, 1, "over"), Go(2, "sense")),
         (Go(1, "stop"),),
-        (Again(1, 1, "settle", "0,0"), Waiting(1, 0, "settle"), Waiting(1, 0, "settle")),
+        (Retransmit(1, 1, "settle", "0,0"), Waiting(1, 0, "settle"), Waiting(1, 0, "settle")),
     ],
 )
 def test_a_round_has_its_phases(more: tuple[Message, ...]) -> None:
@@ -106,14 +106,14 @@ def test_modules_may_be_driven_from_outside() -> None:
             (*SETTLED[:-3], *SETTLED[-2:], Go(2, "sense")),
             "but process_1 has sent no reports in round 1",
         ),
-        ((*SENSED, Said(1, "sense", 0, "0,0", 0, [])), "said of phase sense, a second time"),
+        ((*SENSED, Bundle(1, "sense", 0, "0,0", 0, [])), "bundle of phase sense, a second time"),
         ((*SENSED, Ready(1, 1, "sense")), "ready of phase sense, a second time"),
         ((*SETTLED, Reports(1, 1, [])), "process_1: reports, a second time"),
         ((*SENSED, Reports(1, 1, [])), "process_1: reports, in phase sense of round 1"),
         ((*SENSED, Ready(1, 1, "claim")), "ready of phase claim, in phase sense of round 1"),
         ((*SENSED, Ready(1, -1, "sense")), "process_-1: ready of phase sense, which is no process"),
         ((*SENSED, Waiting(1, 2, "claim")), "process_2: waiting of phase claim, which is no"),
-        ((*SENSED, Again(2, 1, "sense", "0,0")), "again of phase sense, in round 1"),
+        ((*SENSED, Retransmit(2, 1, "sense", "0,0")), "retransmit of phase sense, in round 1"),
         ((*SETTLED, Go(0, "stop")), "round 0: go stop in round 1, or a second time"),
         ((*SETTLED, Go(1, "stop"), Go(1, "stop")), "go stop in round 1, or a second time"),
         ((*SETTLED, Go(1, "stop"), Go(2, "sense")), "go sense, after all were told to stop"),

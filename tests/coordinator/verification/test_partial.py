@@ -102,7 +102,7 @@ def test_what_is_wrong_with_a_part_is_found() -> None:
     assert said(wrong).startswith(f"message {last.sequence} ({last.topic}):")
     wrong = replace(last, round=400)
     assert "of round 400 is of round" in said(wrong)
-    wrong = replace(last, topic="here/module_77")
+    wrong = replace(last, topic="presence/module_77")
     assert f"is {last.topic}" in said(wrong)
     assert "stands after message" in said(good[0])
 

@@ -80,13 +80,13 @@ def test_every_number_of_the_summary_is_derived(key: str) -> None:
     assert detail_of(found, "summary").startswith(f"{key} is ")
 
 
-@pytest.mark.parametrize("kind", ["report", "here"])
+@pytest.mark.parametrize("kind", ["report", "presence"])
 def test_modules_are_numbered_from_0_and_below_their_count(kind: str) -> None:
     """The first number that no module has is refused; what is below 0 is no message at all."""
     message = first(crowd(), kind)
     stray = replace(message, module=len(crowd().scene.start))
     found = verify(edited(crowd(), message, message, stray))
-    check = "reports" if kind == "report" else "said"
+    check = "reports" if kind == "report" else "bundle"
     assert "there is no such module in this run" in detail_of(found, check)
     found = verify(edited(crowd(), message, message, replace(message, module=-1)))
     assert "module" in detail_of(found, "messages")
@@ -191,7 +191,7 @@ def test_edges_are_compared_up_to_the_last_round() -> None:
         assert detail_of(verify(edited(recording, old, *new)), "edges") == said
 
 
-CHANGES: tuple[Any, ...] = (None, False, True, *range(-3, 40), "", "edge", "here", [])
+CHANGES: tuple[Any, ...] = (None, False, True, *range(-3, 40), "", "edge", "presence", [])
 
 
 def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -212,7 +212,7 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 def test_any_value_changed_in_any_message_is_found(data: st.DataObject) -> None:
     """Whatever single value is changed to whatever else: never a traceback, never ok."""
     whole = crowd()
-    kinds = ("said", "reports", "go", "ready", "edges", "cube", "summary")
+    kinds = ("bundle", "reports", "go", "ready", "edges", "cube", "summary")
     place = data.draw(
         st.sampled_from([n for n, each in enumerate(whole.records) if each.kind in kinds])
     )
@@ -394,7 +394,7 @@ def test_rounds_count_from_1_and_cubes_too() -> None:
     none = with_records(whole, [*whole.records, record_of(replace(report, round=0))])
     assert detail_of(verify(none), "reports") == "round 0: rounds count from 1"
     # Only reports make a round that every module has to report.
-    here = first(whole, "here")
+    here = first(whole, "presence")
     after = with_records(whole, [*whole.records, record_of(replace(here, round=99))])
     assert "reports" not in failing(verify(after))
     cube, count = first(whole, "cube"), first(whole, "summary").cubes
@@ -458,7 +458,7 @@ def test_what_is_known_to_be_missing_is_counted() -> None:
     found = verify(holed)
     assert found.missing.messages >= 3
     assert detail_of(found, "complete") == "3 messages before the last one are missing"
-    said = next(n for n, each in enumerate(records) if n > last and each.kind == "said")
+    said = next(n for n, each in enumerate(records) if n > last and each.kind == "bundle")
     ready = next(n for n, each in enumerate(records) if n > last and each.kind == "go") - 1
     cut = [each for n, each in enumerate(records[: ready + 1]) if n != said]
     assert verify(with_records(whole, cut)).missing == (1, 1)

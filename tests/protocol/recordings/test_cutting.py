@@ -83,7 +83,17 @@ def test_parts_by_rounds_hold_so_many(rounds: int) -> None:
 
 
 patterns = st.sampled_from(
-    ["*", "re*", "report", "ready/process_?", "go/*", "*/coordinator", "[h-k]*", "nothing", "moved"]
+    [
+        "*",
+        "re*",
+        "report",
+        "ready/process_?",
+        "go/*",
+        "*/coordinator",
+        "[h-k]*",
+        "nothing",
+        "commit",
+    ]
 )
 
 

@@ -108,7 +108,7 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="no cubepath recording") as caught:
             read_recording(path)
         shown = repr(named) if named else "none"
-        read = " or ".join(f"'cubepath-recording-{number}'" for number in (2, 3))
+        read = " or ".join(f"'cubepath-recording-{number}'" for number in (4, 5))
         assert str(caught.value).endswith(f": format {shown}, expected {read}")
 
 
@@ -186,7 +186,7 @@ def test_a_copy_replaces_no_file(tmp_path: Path) -> None:
 
 def test_schemas_describe_the_messages() -> None:
     """Every schema that goes on record is one object with its kind as a constant."""
-    kinds: Sequence[str] = ("here", "report", "edges", "cube", "summary")
+    kinds: Sequence[str] = ("presence", "report", "edges", "cube", "summary")
     for kind in kinds:
         schema = schema_of(kind)
         assert schema["properties"]["kind"] == {"enum": [kind]}
@@ -195,7 +195,9 @@ def test_schemas_describe_the_messages() -> None:
 
 def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
     """A report with a key more is read, also where its move has one."""
-    told = '"kind":"report","round":1,"module":0,"before":0,"site":1,"claim":"granted","heard":{}'
+    told = (
+        '"kind":"report","round":1,"module":0,"before":0,"site":1,"claim":"granted","received":{}'
+    )
     move = '"move":{"generator":"edge","at":[0,1],"cost":3}'
     found = decode(f'{{{told},{move},"later":true}}'.encode())
     assert isinstance(found, Report)

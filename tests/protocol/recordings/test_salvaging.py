@@ -149,7 +149,7 @@ def test_topics_that_a_damaged_chunk_named_are_known_from_the_summary() -> None:
     out = BytesIO()
     writer = Writer(out, chunk_size=1)
     writer.start()
-    channel = writer.register_channel("here/module_0", "json", 0)
+    channel = writer.register_channel("presence/module_0", "json", 0)
     for number in (1, 2):
         writer.add_message(channel, number, b"{}", number, number)
     writer.finish()  # type: ignore[no-untyped-call]
@@ -158,7 +158,7 @@ def test_topics_that_a_damaged_chunk_named_are_known_from_the_summary() -> None:
     found = salvaged(flipped(whole, (start + end) // 2))
     assert "chunk 1 (log times 1 to 1) cannot be read" in found.problems[0]
     assert [message.sequence for message in found.messages] == [2]
-    assert found.topics == {channel: "here/module_0"}
+    assert found.topics == {channel: "presence/module_0"}
 
 
 def test_a_scene_is_read_where_it_stands_once_more() -> None:

@@ -25,7 +25,7 @@ from cubepath.protocol.recordings.salvaging import messages_in
 from cubepath.protocol.recordings.stored_messages import kinds_of
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.free_messages import decode_free
-from cubepath.protocol.wire.messages import Here, Report, decode, encode
+from cubepath.protocol.wire.messages import Presence, Report, decode, encode
 from processes.command_line import GOLDEN
 from samples.free_runs import free_recorded
 from samples.recordings import new_path, recorded, with_records
@@ -97,7 +97,11 @@ def test_what_is_no_kind_is_refused_at_once() -> None:
     """Before anything is read; the kinds of runs without rounds are others."""
     for recording, kind, why in (
         (golden("hex-5"), "clam", r"unknown kind 'clam' \(did you mean 'claim'\?\), expected"),
-        (golden("hex-free-5"), "claim", "unknown kind 'claim', expected some of ask, attempt"),
+        (
+            golden("hex-free-5"),
+            "claim",
+            "unknown kind 'claim', expected some of attempt, certificate, commit",
+        ),
     ):
         with pytest.raises(InputError, match=why):
             recording.messages(kind)
@@ -108,8 +112,8 @@ def long_recording(count: int) -> Path:
     path = new_path()
     with RecordingWriter(path, golden("hex-5").scene, {}) as writer:
         for number in range(count):
-            said = Here(number // 100, number, f"a long way to {number}" * 40)
-            writer.write("here/module_0", encode(said), round_number=number // 100, wall_ns=0)
+            said = Presence(number // 100, number, f"a long way to {number}" * 40)
+            writer.write("presence/module_0", encode(said), round_number=number // 100, wall_ns=0)
     return path
 
 
@@ -123,7 +127,7 @@ def test_a_chunk_is_in_memory_and_no_more() -> None:
     ]
     for through in ways:
         tracemalloc.start()
-        assert through(recording.messages("here")) == 6_000
+        assert through(recording.messages("presence")) == 6_000
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[0] < peaks[1] / 4

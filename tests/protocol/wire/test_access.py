@@ -24,39 +24,39 @@ from filled import filled
 
 RIGHTS = """
 key                coordinator  process_1  process_0  keeper_1  keeper_0  guest
-here               pdqat        -          -          -         -         -
+presence           pdqat        -          -          -         -         -
 note               pdqat        -          -          -         -         -
 claim              pdqat        -          -          -         -         -
 verdict            pdqat        -          -          -         -         -
 report             pdqat        -          -          -         -         -
-observed           pdqat        -          -          -         -         -
-act                pdqat        -          -          -         -         -
-said               pdqat        p          -          -         -         -
+observation        pdqat        -          -          -         -         -
+action             pdqat        -          -          -         -         -
+bundle             pdqat        p          -          -         -         -
 reports            pdqat        p          -          -         -         -
 observations       pdqat        p          -          -         -         -
-acts               pdqat        -          -          -         -         -
+actions            pdqat        -          -          -         -         -
 go                 pdqat        -          -          -         -         -
 go for one         pdqat        -          -          -         -         -
 reset              pdqat        -          -          -         -         -
 reset for one      pdqat        -          -          -         -         -
 ready              pdqat        p          -          -         -         -
-again              pdqat        p          -          -         -         -
+retransmit         pdqat        p          -          -         -         -
 waiting            pdqat        p          -          -         -         -
 refused            pdqat        -          -          -         -         -
 edges              pdqat        -          -          -         -         -
 cube               pdqat        -          -          -         -         -
 certificate        pdqat        -          -          -         -         -
 summary            pdqat        -          -          -         -         -
-ask                pdqat        p          -          -         -         -
-pass               pdqat        -          -          p         -         -
-tell               pdqat        -          -          p         -         -
-shows              pdqat        -          -          p         -         -
-moved              pdqat        -          -          p         -         -
+requests           pdqat        p          -          -         -         -
+forwards           pdqat        -          -          p         -         -
+replies            pdqat        -          -          p         -         -
+tile               pdqat        -          -          p         -         -
+commit             pdqat        -          -          p         -         -
 turns              pdqat        p          -          -         -         -
-rest               pdqat        p          -          -         -         -
+halted             pdqat        p          -          -         -         -
 fetch              pdqat        -          -          -         -         -
-repeat             pdqat        -          -          -         -         -
-tail               pdqat        -          -          p         -         -
+retransmit_range   pdqat        -          -          -         -         -
+commits            pdqat        -          -          p         -         -
 state              pdqat        q          q          q         q         q
 about              pdqat        q          q          q         q         q
 path               pdqat        q          q          q         q         q

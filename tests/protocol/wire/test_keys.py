@@ -15,14 +15,14 @@ from cubepath.protocol.wire.keys import (
     topic_of,
 )
 from cubepath.protocol.wire.messages import (
-    Acts,
+    Bundle,
+    ChosenActions,
     Claim,
     Go,
-    Here,
     Note,
+    Presence,
     Ready,
     Reset,
-    Said,
     Verdict,
     decode,
     encode,
@@ -39,7 +39,7 @@ def test_every_region_is_one_chunk_of_a_key(spec: str) -> None:
         place = scene.system.place_of(site)
         for near in {place, *scene.system.reach(place)}:
             region = scene.system.region(near)
-            key = zenoh.KeyExpr(key_of("run", Said(1, "sense", 3, region, 0, [])))
+            key = zenoh.KeyExpr(key_of("run", Bundle(1, "sense", 3, region, 0, [])))
             assert zenoh.KeyExpr("cubepath/run/to/*/process_3").includes(key)
             assert zenoh.KeyExpr(to_region("run", region)).includes(key)
             assert zenoh.KeyExpr(everything("run")).includes(key)
@@ -52,7 +52,7 @@ def test_a_claim_is_addressed_within_reach_and_being_here_to_those_who_sense_it(
     scene = scene_from_spec(spec)
     for site in scene.start:
         place = scene.system.place_of(site)
-        assert addressees(scene.system, Here(1, 0, site)) == scene.system.listeners(place)
+        assert addressees(scene.system, Presence(1, 0, site)) == scene.system.listeners(place)
         for message in (Claim(1, 0, site, "some", site), Note(1, 0, site, [1])):
             assert addressees(scene.system, message) == scene.system.reach(place)
 
@@ -67,13 +67,13 @@ def test_a_verdict_goes_to_those_who_wait_and_control_to_no_place() -> None:
 
 def test_a_key_names_kind_and_sender_or_the_region() -> None:
     """Messages to a region stand on its key; actions from outside on that of their process."""
-    said = Said(1, "sense", 3, "0,-1", 0, [])
+    said = Bundle(1, "sense", 3, "0,-1", 0, [])
     assert key_of("run", said) == "cubepath/run/to/0,-1/process_3"
     assert to_region("run", "0,-1") == "cubepath/run/to/0,-1/**"
-    assert topic_of(said) == "said/process_3"
+    assert topic_of(said) == "bundle/process_3"
     assert key_of("run", Go(1, "sense")) == "cubepath/run/go/coordinator"
     assert key_of("run", Ready(1, 2, "sense")) == "cubepath/run/ready/process_2"
-    assert key_of("run", Acts(1, 2, [])) == "cubepath/run/acts/process_2"
+    assert key_of("run", ChosenActions(1, 2, [])) == "cubepath/run/actions/process_2"
     assert topic_in_key("cubepath/run/hello/me") == "hello/me"
 
 
@@ -95,7 +95,7 @@ def test_what_is_for_one_process_may_stand_on_its_key() -> None:
         for key in (f"{kind}/process_", f"{kind}/process_x", f"{kind}/x/process_1", "to/process_1"):
             assert not belongs("run", f"cubepath/run/{key}", message)
         assert not belongs("other", f"cubepath/run/{kind}/process_12", message)
-    said = Said(1, "sense", 3, "0", 0, [])
+    said = Bundle(1, "sense", 3, "0", 0, [])
     assert belongs("run", "cubepath/run/to/0/process_3", said)
     assert not belongs("run", "cubepath/run/to/0/process_2", said)
     assert not belongs("run", "cubepath/run/to/1/process_3", said)

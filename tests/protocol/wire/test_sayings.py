@@ -4,40 +4,47 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from cubepath.protocol.wire.free_messages import Asks, Look, Repeat, Rest, Turns, decode_free
+from cubepath.protocol.wire.free_messages import (
+    Halted,
+    Requests,
+    RetransmitRange,
+    TileQuery,
+    Turns,
+    decode_free,
+)
 from cubepath.protocol.wire.nodes import Put
 from cubepath.protocol.wire.sayings import KEPT_BYTES_MAX, KEPT_MAX, REPEATED_MAX, Sayings
 
 
 def number(put: Put) -> tuple[int, int]:
-    """Return birth and number of what is put."""
+    """Return incarnation and number of what is put."""
     message = decode_free(put.data)
-    assert isinstance(message, Turns | Asks | Rest)
-    return message.birth, message.said
+    assert isinstance(message, Turns | Requests | Halted)
+    return message.incarnation, message.sequence
 
 
 def test_all_kinds_are_numbered_in_one_sequence() -> None:
     """What only tells the last number takes none."""
     sayings = Sayings("run", 7)
-    put = [sayings.say(Turns(0, [])), sayings.say(Asks(0, 1, [])), sayings.tell(Rest(0))]
+    put = [sayings.say(Turns(0, [])), sayings.say(Requests(0, 1, [])), sayings.tell(Halted(0))]
     assert [number(each) for each in put] == [(7, 1), (7, 2), (7, 2)]
-    assert put[1].key == "cubepath/run/ask/1/process_0"
+    assert put[1].key == "cubepath/run/requests/1/process_0"
 
 
 def test_what_is_said_again_is_the_same_byte_for_byte() -> None:
-    """Of this birth, and between the two numbers."""
+    """Of this incarnation, and between the two numbers."""
     sayings = Sayings("run", 2)
     put = [sayings.say(Turns(0, [])) for _ in range(6)]
-    assert sayings.again(Repeat("process_0", 2, 1, 4)) == put[1:4]
-    assert sayings.again(Repeat("process_0", 1, 0, 6)) == []
-    assert sayings.again(Repeat("process_0", 2, 6, 99)) == []
+    assert sayings.again(RetransmitRange("process_0", 2, 1, 4)) == put[1:4]
+    assert sayings.again(RetransmitRange("process_0", 1, 0, 6)) == []
+    assert sayings.again(RetransmitRange("process_0", 2, 6, 99)) == []
 
 
 def test_each_part_is_said_once() -> None:
     """Whoever asks for a thing twice in one message has asked for it once."""
-    one, two = Look("0", 1), Look("1", 1)
-    said = decode_free(Sayings("run", 1).say(Asks(0, 1, [one, two, one])).data)
-    assert isinstance(said, Asks)
+    one, two = TileQuery("0", 1), TileQuery("1", 1)
+    said = decode_free(Sayings("run", 1).say(Requests(0, 1, [one, two, one])).data)
+    assert isinstance(said, Requests)
     assert said.parts == [one, two]
 
 
@@ -46,13 +53,13 @@ def test_what_is_kept_is_bounded() -> None:
     sayings = Sayings("run", 1)
     for _ in range(KEPT_MAX + 10):
         sayings.say(Turns(0, []))
-    found = [number(put)[1] for put in sayings.again(Repeat("process_0", 1, 0, 10**6))]
+    found = [number(put)[1] for put in sayings.again(RetransmitRange("process_0", 1, 0, 10**6))]
     assert len(found) == REPEATED_MAX
     assert found[0] == 11
     assert all(two == one + 1 for one, two in pairwise(found))
-    large = Asks(0, 0, [Look("0,0", number) for number in range(2000)])
+    large = Requests(0, 0, [TileQuery("0,0", number) for number in range(2000)])
     size = len(sayings.say(large).data)
     for _ in range(40):
         sayings.say(large)
-    kept = sayings.again(Repeat("process_0", 1, 0, 10**6))
+    kept = sayings.again(RetransmitRange("process_0", 1, 0, 10**6))
     assert sum(len(put.data) for put in kept) <= KEPT_BYTES_MAX < (len(kept) + 1) * size * 1.1

@@ -21,12 +21,12 @@ from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
     Decision,
-    Enter,
     Entered,
-    Moved,
-    Shows,
-    Tells,
+    EnterRequest,
+    Replies,
+    TileUpdate,
 )
 from cubepath.protocol.wire.keys import Tiles
 
@@ -42,7 +42,7 @@ class ActionResult:
     choice: Choice
     asked: bool = False
     illegal: bool = False
-    moved: Moved | None = None
+    moved: Commit | None = None
     move: Move | None = None
     """The move that was committed, if it was one."""
     why: str = ""
@@ -87,7 +87,7 @@ class _Module:
     """What a process on the wire knows of its module."""
 
     epoch: int = 0
-    birth: int = 0
+    incarnation: int = 0
     number: int = 0
     turn: int = 0
     seen: _Seen | None = None
@@ -133,11 +133,11 @@ class FreeWorld:
     def restart(self, module: int) -> None:
         """Let the process of a module die and come back: what it knew is lost, its place holds."""
         known = self._modules[module]
-        self.keeper.ask(0, Enter(module, known.birth + 1))
+        self.keeper.ask(0, EnterRequest(module, known.incarnation + 1))
         for message in self.keeper.said():
-            for part in message.parts if isinstance(message, Tells) else ():
+            for part in message.parts if isinstance(message, Replies) else ():
                 if isinstance(part, Entered):
-                    known.birth, known.epoch = part.birth, part.occupant.epoch
+                    known.incarnation, known.epoch = part.incarnation, part.occupant.epoch
         known.number = known.turn = 0
         known.seen = None
         known.known = self.commits
@@ -232,9 +232,9 @@ class FreeWorld:
             return ActionResult(module, choice, illegal=illegal)
         known.number += 1
         decision = self._ask(attempt)
-        moved = decision.moved
+        moved = decision.commit
         if moved is None:
-            return ActionResult(module, choice, asked=True, illegal=illegal, why=decision.why)
+            return ActionResult(module, choice, asked=True, illegal=illegal, why=decision.reason)
         self._committed(module, moved)
         return ActionResult(module, choice, asked=True, illegal=illegal, moved=moved, move=move)
 
@@ -242,9 +242,9 @@ class FreeWorld:
         self.keeper.ask(0, attempt)
         decision: Decision | None = None
         for message in self.keeper.said():
-            if isinstance(message, Tells):
+            if isinstance(message, Replies):
                 decision = next(part for part in message.parts if isinstance(part, Decision))
-            elif isinstance(message, Shows):
+            elif isinstance(message, TileUpdate):
                 for part in message.parts:
                     site = None if part.site is None else site_from_json(part.site)
                     self._change(site_from_json(part.place), site, tuple(part.note))
@@ -265,7 +265,7 @@ class FreeWorld:
         if note:
             self._notes[place] = note
 
-    def _committed(self, module: int, moved: Moved) -> None:
+    def _committed(self, module: int, moved: Commit) -> None:
         self.commits += 1
         for who, _, to, _ in moved.motion:
             self.sites[who] = site_from_json(to)

@@ -35,7 +35,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import function, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.wire.free_messages import Moved
+from cubepath.protocol.wire.free_messages import Commit
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class FreeRollout:
     """A finished run: what was committed, in order, the turns, and how it ended."""
 
     scene: Scene = field(compare=False, repr=False)
-    commits: tuple[Moved, ...]
+    commits: tuple[Commit, ...]
     """Those without a generator wrote registers alone."""
     turns: int
     refused: int
@@ -132,7 +132,7 @@ class FreeRollout:
     """When the last turn began; a module of speed factor 1 takes 1 for a turn."""
 
     @property
-    def moves(self) -> tuple[Moved, ...]:
+    def moves(self) -> tuple[Commit, ...]:
         """Return the commits that moved modules."""
         return tuple(commit for commit in self.commits if commit.generator is not None)
 
@@ -195,7 +195,7 @@ def play_free(
     actors = actors_for(scene, rule, seed=seed, hesitate=hesitate, clock="free")
     env.reset(seed=seed)
     world = env.world
-    commits: list[Moved] = []
+    commits: list[Commit] = []
     refused = 0
     failed: str | None = None
     turns = max_cycles * len(scene.start)

@@ -18,7 +18,14 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Act, Message, Observations, Observed, Report, Reports
+from cubepath.protocol.wire.messages import (
+    ChosenAction,
+    Message,
+    ModuleObservation,
+    Observations,
+    Report,
+    Reports,
+)
 from cubepath.protocol.wire.nodes import Keep
 
 
@@ -31,7 +38,7 @@ class WireWorld:
         """Start the fleet and sense for the first time."""
         self.scene = scene
         self.note_length = note_length
-        self._observed: dict[int, Observed] = {}
+        self._observed: dict[int, ModuleObservation] = {}
         self._reports: dict[int, Report] = {}
         self._processes = processes
         self._whole = False
@@ -107,7 +114,7 @@ class WireWorld:
             action = actions.get(module, STAY)
             legal = is_legal(seen.action_mask, action)
             note = (notes or {}).get(module, ())
-            acts.append(Act(fleet.round, module, action if legal else STAY, list(note)))
+            acts.append(ChosenAction(fleet.round, module, action if legal else STAY, list(note)))
         fleet.act(acts)
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):

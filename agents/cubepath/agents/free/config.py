@@ -33,7 +33,7 @@ class FreeProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     process: int
     modules: list[int]
     keepers: int
-    birth: int
+    incarnation: int
     """How often a process has been started for these modules, from 1."""
     scene: str
     """The scene as TOML text."""

@@ -30,13 +30,13 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
 
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
 """So long processes may take to end that were told to; killed they lose nothing either."""
-BIRTHS = "births"
-"""The file in the folder of logs that says which run began them, and the births of its last use."""
+INCARNATIONS = "incarnations"
+"""The file in a folder of logs with the run that began them and its last incarnations."""
 _RESTARTS_MAX = 100
 """So often processes are started again in all; what dies at once would do so for ever."""
 
@@ -93,10 +93,10 @@ class FreeFleet(ProcessFleet):
         self._lock = lock
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
-        births = next_births(logs, self.run)
-        self._log_run = births.run
-        self._births = dict.fromkeys(range(len(self.modules_of)), births.birth)
-        self._births_of_keepers = dict.fromkeys(range(keepers), births.birth)
+        incarnations = next_incarnations(logs, self.run)
+        self._log_run = incarnations.run
+        self._incarnations = dict.fromkeys(range(len(self.modules_of)), incarnations.incarnation)
+        self._incarnations_of_keepers = dict.fromkeys(range(keepers), incarnations.incarnation)
         self._known = known
         self._restarts = 0
 
@@ -139,7 +139,7 @@ class FreeFleet(ProcessFleet):
             log=str(log_of(self._folder, keeper)),
             log_run=self._log_run,
             commits=self._known(keeper),
-            birth=self._births_of_keepers[keeper],
+            incarnation=self._incarnations_of_keepers[keeper],
             tell_reads=self._schedule is not None,
             credentials=credentials,
         )
@@ -155,7 +155,7 @@ class FreeFleet(ProcessFleet):
             process=process,
             modules=modules,
             keepers=self.keepers,
-            birth=self._births[process],
+            incarnation=self._incarnations[process],
             scene=self._text,
             rule=self._rule,
             seed=self._seed,
@@ -199,8 +199,8 @@ class FreeFleet(ProcessFleet):
 
         InputError for any other name, and for a process that lives.
         """
-        hosts = {process_name(each): each for each in self._births}
-        keepers = {keeper_name(each): each for each in self._births_of_keepers}
+        hosts = {process_name(each): each for each in self._incarnations}
+        keepers = {keeper_name(each): each for each in self._incarnations_of_keepers}
         if name not in hosts | keepers:
             near = did_you_mean(name, hosts | keepers)
             known = ", ".join((*hosts, *keepers))
@@ -208,10 +208,10 @@ class FreeFleet(ProcessFleet):
         if self._children.lives(name):
             raise InputError(f"{name}: lives, expected a process that has died")
         if name in keepers:
-            self._births_of_keepers[keepers[name]] += 1
+            self._incarnations_of_keepers[keepers[name]] += 1
             self._keep(keepers[name])
         else:
-            self._births[hosts[name]] += 1
+            self._incarnations[hosts[name]] += 1
             self._host(hosts[name])
 
     def leave(self, process: int) -> None:
@@ -224,10 +224,10 @@ class FreeFleet(ProcessFleet):
 
 
 class LogsInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a folder of logs says of itself: the run that began it, and its last first birth."""
+    """What a folder of logs says of itself: the run that began it, and its last incarnation."""
 
     run: str
-    birth: int
+    incarnation: int
 
 
 def log_of(logs: Path, keeper: int) -> Path:
@@ -235,12 +235,12 @@ def log_of(logs: Path, keeper: int) -> Path:
     return logs / f"{keeper_name(keeper)}.log"
 
 
-def read_births(logs: Path) -> LogsInfo | None:
+def read_incarnations(logs: Path) -> LogsInfo | None:
     """Return what a folder of logs says of itself, None if it has no logs yet.
 
     InputError if it has logs and does not say it.
     """
-    path = logs / BIRTHS
+    path = logs / INCARNATIONS
     try:
         return msgspec.json.decode(path.read_bytes(), type=LogsInfo)
     except FileNotFoundError:
@@ -251,23 +251,27 @@ def read_births(logs: Path) -> LogsInfo | None:
         found = str(error)
     except OSError as error:
         found = error.strerror or str(error)
-    raise InputError(f"{path}: {found}, expected the run and the birth of the logs beside it")
+    raise InputError(f"{path}: {found}, expected the run and the incarnation of the logs beside it")
 
 
-def next_births(logs: Path | None, run: str) -> LogsInfo:
-    """Return which run began these logs, and a first birth for all processes: later than before.
+def next_incarnations(logs: Path | None, run: str) -> LogsInfo:
+    """Return the run that began these logs, and a later first incarnation for all processes.
 
     It is in the folder when this returns, so it is not given again.
     """
     first = LogsInfo(run, 1)
     if logs is None:
         return first
-    before = read_births(logs)
-    births = first if before is None else LogsInfo(before.run, before.birth + BIRTHS_OF_A_FLEET)
+    before = read_incarnations(logs)
+    incarnations = (
+        first
+        if before is None
+        else LogsInfo(before.run, before.incarnation + INCARNATIONS_OF_A_FLEET)
+    )
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(logs, error) from None
-    with written_whole(logs / BIRTHS) as file:
-        file.write(msgspec.json.encode(births))
-    return births
+    with written_whole(logs / INCARNATIONS) as file:
+        file.write(msgspec.json.encode(incarnations))
+    return incarnations

@@ -15,18 +15,18 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Halted,
     Held,
     Hold,
-    Look,
-    Repeat,
-    Rest,
-    Shows,
-    Tells,
+    Replies,
+    Requests,
+    RetransmitRange,
+    TileQuery,
+    TileUpdate,
     Turn,
     Turns,
     heard_by_process,
@@ -63,7 +63,7 @@ class FreeHostNode(Node):
                 self._tiles,
                 rule,
                 module,
-                birth=config.birth,
+                incarnation=config.incarnation,
                 seed=config.seed,
                 hesitate=config.hesitate,
                 pace=paces(config.speeds, config.jitter, module),
@@ -74,7 +74,7 @@ class FreeHostNode(Node):
         self.sensing = Sensing(self._scene.system, self._tiles)
         self.refused = 0
         """Messages that were none, or not for this process."""
-        self._sayings = Sayings(config.run, config.birth)
+        self._sayings = Sayings(config.run, config.incarnation)
         self._now_s = 0.0
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
@@ -96,12 +96,12 @@ class FreeHostNode(Node):
         """Take a message; what is none has no effect but that it is counted."""
         message = read_free(self._config.run, key, data)
         match message:
-            case Shows():
+            case TileUpdate():
                 self._take(message)
-            case Tells(process=process, parts=parts) if process == self._config.process:
+            case Replies(process=process, parts=parts) if process == self._config.process:
                 for part in parts:
                     self._told(part, message.keeper)
-            case Repeat():
+            case RetransmitRange():
                 return list(self._sayings.again(message))
             case Go(phase="stop"):
                 return [Timer(None), End()]
@@ -134,7 +134,7 @@ class FreeHostNode(Node):
                 self._due[module] = None
         return self._go_on()
 
-    def _take(self, shows: Shows) -> None:
+    def _take(self, shows: TileUpdate) -> None:
         if self._tiles.keeper_of_tile(shows.tile) != shows.keeper:
             self.refused += 1
             return
@@ -170,7 +170,7 @@ class FreeHostNode(Node):
 
     def _go_on(self) -> list[Effect]:
         effects: list[Effect] = []
-        asks: dict[int, list[Attempt | Enter | Hold | Look]] = {}
+        asks: dict[int, list[Attempt | EnterRequest | Hold | TileQuery]] = {}
         for keeper, part in self._asks:
             asks.setdefault(keeper, []).append(part)
         self._asks = []
@@ -185,14 +185,14 @@ class FreeHostNode(Node):
         effects += self._need()
         for tile, serial in self.sensing.due(self._now_s):
             keeper = self._tiles.keeper_of_tile(tile)
-            asks.setdefault(keeper, []).append(Look(tile, serial))
+            asks.setdefault(keeper, []).append(TileQuery(tile, serial))
         process, sayings = self._config.process, self._sayings
         # What a rule chose is on record before what follows from it.
         if turns:
             effects.append(sayings.say(Turns(process, turns)))
-        effects += (sayings.say(Asks(process, keeper, parts)) for keeper, parts in asks.items())
+        effects += (sayings.say(Requests(process, keeper, parts)) for keeper, parts in asks.items())
         if self._order is not None and all(mover.rests for mover in self.movers.values()):
-            effects.append(sayings.tell(Rest(process, self._order)))
+            effects.append(sayings.tell(Halted(process, self._order)))
             self._order = None
         return effects + self._timer()
 

@@ -27,13 +27,13 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
     Attempt,
+    Commit,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
     Held,
     Hold,
-    Look,
-    Moved,
+    TileQuery,
     Turn,
 )
 from cubepath.protocol.wire.keys import Tiles
@@ -54,7 +54,7 @@ HOLD_TICKS = 20
 """So many ticks of the keepers it asks for at least, besides the time that it thinks."""
 
 State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
-Ask = tuple[int, Attempt | Enter | Hold | Look]
+Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
 """What is asked of which keeper."""
 
 
@@ -76,7 +76,7 @@ class Mover:
         rule: RuleType,
         module: int,
         *,
-        birth: int,
+        incarnation: int,
         seed: int,
         hesitate: float = 0.0,
         pace: Pace = Pace(),
@@ -97,7 +97,7 @@ class Mover:
         self._system = scene.system
         self._tiles = tiles
         self._rule = rule
-        self._birth = birth
+        self._incarnation = incarnation
         self._seed = seed
         self._hesitate = hesitate
         self._pace = pace
@@ -159,7 +159,7 @@ class Mover:
     def entered(self, answer: Entered, now_s: float) -> None:
         """Take its place again, in a new epoch."""
         occupant = answer.occupant
-        if answer.birth != self._birth or occupant.epoch < self._epoch:
+        if answer.incarnation != self._incarnation or occupant.epoch < self._epoch:
             return
         if occupant.epoch == self._epoch:  # said again, maybe later than what was heard since
             self.taken_to(site_from_json(answer.site), occupant.version)
@@ -205,14 +205,14 @@ class Mover:
             return []
         if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
             return []
-        if decision.why.startswith("fenced"):
-            # A later birth has taken its place. To enter again would fence that one off in turn,
-            # under a number of birth that may be given to yet another.
+        if decision.reason.startswith("fenced"):
+            # A later incarnation has taken its place. To enter again would fence that one off in
+            # turn, under a number of incarnation that may be given to yet another.
             self.state, self.due_s = "superseded", inf
             return []
         self._attempt = None
         self._number = decision.number
-        if decision.moved is None:
+        if decision.commit is None:
             self._misses += 1
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
             self._rests(now_s, self._retry_s * self._random.fraction())
@@ -220,7 +220,7 @@ class Mover:
         self._holds = []
         self._misses = self._misses_after_turn
         self._rest_s, self._retry_s = REST_S, RETRY_S
-        self._executed(decision.moved)
+        self._executed(decision.commit)
         self._rests(now_s, 0.0)
         return []
 
@@ -229,7 +229,7 @@ class Mover:
         """Who needed to hold what it senses is likely to need it again."""
         return MISSES - 1 if self._misses >= MISSES else 0
 
-    def _executed(self, moved: Moved) -> None:
+    def _executed(self, moved: Commit) -> None:
         self.level = max(self.level, moved.level)
         for module, _, target, version in moved.motion:
             if module == self.module:
@@ -265,7 +265,7 @@ class Mover:
         if now_s < self.due_s:
             return []
         self._wait_for_answer(now_s)
-        enter = Enter(self.module, self._birth)
+        enter = EnterRequest(self.module, self._incarnation)
         return [(keeper, enter) for keeper in range(self._tiles.keepers)]
 
     def _wait_for_answer(self, now_s: float) -> None:
@@ -496,7 +496,7 @@ class Mover:
                 version=self._version,
                 sensed=sensed,
                 action=choice.action,
-                heard=heard,
+                received=heard,
                 note=None if choice.note is None else list(choice.note),
                 guards=[to_json(site) for site in choice.guards],
                 heeds=[to_json(site) for site in choice.heeds],

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.free_messages import Shown, Shows
+from cubepath.protocol.wire.free_messages import PlaceState, TileUpdate
 from cubepath.protocol.wire.keys import Tiles
 
 LOOK_S, LOOK_S_MAX = 0.2, 4.0
@@ -101,7 +101,7 @@ class Sensing:
         """Return when a tile is to be looked at next."""
         return min((tile.look_s for tile in self._known.values()), default=float("inf"))
 
-    def take(self, shows: Shows, now_s: float) -> tuple[list[Site], bool]:
+    def take(self, shows: TileUpdate, now_s: float) -> tuple[list[Site], bool]:
         """Take what is shown; return the places of which something new is known.
 
         And whether all of the tile is known now, so that places are empty of which nothing is said.
@@ -124,7 +124,7 @@ class Sensing:
             tile.look_s = min(tile.look_s, now_s)
         return changed, now_whole
 
-    def know(self, parts: Iterable[Shown]) -> list[Site]:
+    def know(self, parts: Iterable[PlaceState]) -> list[Site]:
         """Take what is shown of places; return those of which something new is known."""
         changed: list[Site] = []
         for shown in parts:
@@ -135,7 +135,7 @@ class Sensing:
                 changed.append(place)
         return changed
 
-    def _newer(self, tile: _Tile, place: Site, shown: Shown) -> bool:
+    def _newer(self, tile: _Tile, place: Site, shown: PlaceState) -> bool:
         known = tile.places.get(place)
         if known is None:
             return True
@@ -146,7 +146,7 @@ class Sensing:
         return sum(reads for _, _, reads in shown.reads) > sum(r for _, _, r in known.reads)
 
 
-def _known(shown: Shown) -> Place:
+def _known(shown: PlaceState) -> Place:
     return Place(
         shown.version,
         None if shown.site is None else site_from_json(shown.site),

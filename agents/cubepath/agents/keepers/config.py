@@ -21,7 +21,7 @@ class KeeperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The path of the keeper's log."""
     log_run: str
     """The run that began the log."""
-    birth: int = 1
+    incarnation: int = 1
     """How often it has been started, from 1."""
     commits: int = 0
     """How many commits are known of it; its log has no fewer."""

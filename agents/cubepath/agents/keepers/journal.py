@@ -20,13 +20,13 @@ import msgspec
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import appended_file
-from cubepath.protocol.wire.free_messages import Decision, Enter, Moved, Passed
+from cubepath.protocol.wire.free_messages import Commit, Decision, EnterRequest, Forwarded
 
 
 class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="prepared"):
     """An attempt is prepared, with all that is passed on of it."""
 
-    passed: Passed
+    passed: Forwarded
 
 
 class Decided(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="decided"):
@@ -38,14 +38,14 @@ class Decided(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="deci
 class Committed(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="committed"):
     """This keeper was the last of the chain: this record is the move."""
 
-    passed: Passed
+    passed: Forwarded
     decision: Decision
 
 
 class JoinedRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="born"):
     """A module has entered."""
 
-    enter: Enter
+    enter: EnterRequest
 
 
 class Acknowledged(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="acknowledged"):
@@ -58,12 +58,12 @@ class Acknowledged(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag=
 
 
 class Opened(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="opened"):
-    """A keeper has opened its log, in one of its births."""
+    """A keeper has opened its log, in one of its incarnations."""
 
     run: str
     """The run that began the log: one that is taken up again has another name on the wire."""
     keeper: int
-    birth: int
+    incarnation: int
 
 
 Record: TypeAlias = Prepared | Decided | Committed | JoinedRecord | Acknowledged
@@ -85,7 +85,7 @@ class Journal(Protocol):
         """Yield all records, in their order."""
 
     @abstractmethod
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
 
 
@@ -95,7 +95,7 @@ class MemoryJournal:
     def __init__(self) -> None:
         """Begin empty."""
         self._records: list[Record] = []
-        self._commits: list[Moved] = []
+        self._commits: list[Commit] = []
 
     def append(self, record: Record) -> None:
         """Add a record."""
@@ -107,7 +107,7 @@ class MemoryJournal:
         """Yield all records, in their order."""
         return iter(tuple(self._records))
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
         return self._commits[serial - 1]
 
@@ -125,7 +125,7 @@ def read_log(path: Path, lines: Iterable[bytes], run: str, keeper: int) -> Itera
 
     InputError if a line is not the next record of that log.
     """
-    checksum = birth = 0
+    checksum = incarnation = 0
     for number, text in enumerate(lines, 1):
         if not text.endswith(b"\n"):  # cut off: whoever was to be answered was not
             return
@@ -137,12 +137,12 @@ def read_log(path: Path, lines: Iterable[bytes], run: str, keeper: int) -> Itera
                     f"{path}: line {number} is of keeper_{record.keeper} in run {record.run!r},"
                     f" expected keeper_{keeper} in run {run!r}"
                 )
-            if record.birth <= birth:
+            if record.incarnation <= incarnation:
                 raise InputError(
-                    f"{path}: line {number} opens it in birth {record.birth}, expected one after"
-                    f" {birth}"
+                    f"{path}: line {number} opens it in incarnation {record.incarnation},"
+                    f" expected one after {incarnation}"
                 )
-            birth = record.birth
+            incarnation = record.incarnation
         elif number == 1:
             raise InputError(f"{path}: line 1 is a record, expected the keeper that opened the log")
         yield line
@@ -180,7 +180,7 @@ class FileJournal:
     """
 
     def __init__(self, path: Path, opened: Opened, commits: int = 0) -> None:
-        """Open or create the file, for this keeper in this birth.
+        """Open or create the file, for this keeper in this incarnation.
 
         InputError if that fails, or it is not the log of this keeper, whole and in order, or has
         fewer commits than are known. A last line that was cut off is removed.
@@ -203,16 +203,16 @@ class FileJournal:
             ) from None
 
     def _take_up(self, commits: int) -> None:
-        opened, birth = self._opened, 0
+        opened, incarnation = self._opened, 0
         self._file.seek(0)
         for line in read_log(self.path, self._file, opened.run, opened.keeper):
             self._added(line.record, line.length, line.checksum)
             if isinstance(line.record, Opened):
-                birth = line.record.birth
-        if opened.birth <= birth:
+                incarnation = line.record.incarnation
+        if opened.incarnation <= incarnation:
             raise InputError(
-                f"{self.path}: was opened in birth {birth}, expected one before birth"
-                f" {opened.birth}"
+                f"{self.path}: was opened in incarnation {incarnation},"
+                f" expected one before incarnation {opened.incarnation}"
             )
         found = len(self._commits) // _PER_COMMIT
         if found < commits:
@@ -260,7 +260,7 @@ class FileJournal:
                 if not isinstance(line.record, Opened):
                     yield line.record
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
         # Not by a buffered file: it would not know where what was appended since lies.
         begin = _PER_COMMIT * (serial - 1)
@@ -274,8 +274,8 @@ class FileJournal:
         raise CheckError(f"{self.path}: commit {serial} was changed since it was written")
 
 
-def _moved(record: Committed) -> Moved:
-    moved = record.decision.moved
+def _moved(record: Committed) -> Commit:
+    moved = record.decision.commit
     if moved is None:
         raise CheckError("a commit without what it commits")
     return moved

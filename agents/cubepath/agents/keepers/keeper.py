@@ -41,23 +41,23 @@ from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
+    CommitLog,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
+    Forwards,
     FreeMessage,
     Held,
     Hold,
     Inquiry,
-    Look,
-    Moved,
     Occupant,
-    Passed,
-    Passes,
     Register,
+    Replies,
     Settled,
-    Shows,
-    Tail,
-    Tells,
+    TileQuery,
+    TileUpdate,
 )
 from cubepath.protocol.wire.keys import Tiles
 
@@ -82,7 +82,7 @@ Name: TypeAlias = tuple[int, int, int]
 class _Pending:
     """An attempt that is prepared here, or waits to be."""
 
-    passed: Passed
+    passed: Forwarded
     plan: AttemptPlan
     share: Share
     age: int = 0
@@ -133,7 +133,7 @@ class _Last:
 class _Out:
     """What is to be said, by receiver."""
 
-    passes: dict[int, list[Passed | Decision | Inquiry | Settled]] = field(default_factory=dict)
+    passes: dict[int, list[Forwarded | Decision | Inquiry | Settled]] = field(default_factory=dict)
     tells: dict[int, list[Decision | Entered | Held]] = field(default_factory=dict)
     rest: list[FreeMessage] = field(default_factory=list)
 
@@ -184,22 +184,22 @@ class Keeper:
 
     # What comes in.
 
-    def ask(self, process: int, part: Attempt | Enter | Hold | Look) -> None:
+    def ask(self, process: int, part: Attempt | EnterRequest | Hold | TileQuery) -> None:
         """Take what a process asks."""
         match part:
             case Hold():
                 self._asked_to_hold(process, part)
             case Attempt():
-                self._attempt(Passed(part, process, 0, [], [], [], [], []), None)
-            case Enter():
+                self._attempt(Forwarded(part, process, 0, [], [], [], [], []), None)
+            case EnterRequest():
                 self._enter(process, part)
-            case Look():
+            case TileQuery():
                 self._look(part)
 
-    def hear(self, keeper: int, part: Passed | Decision | Inquiry | Settled) -> None:
+    def hear(self, keeper: int, part: Forwarded | Decision | Inquiry | Settled) -> None:
         """Take what another keeper says."""
         match part:
-            case Passed():
+            case Forwarded():
                 self._attempt(part, keeper)
             case Decision():
                 self._learn(keeper, part)
@@ -214,7 +214,7 @@ class Keeper:
         parts = [self._journal.commit(number) for number in range(serial + 1, last + 1)]
         units = self.units.touched() if last == self.commits else []
         self._out.rest.append(
-            Tail(self.me, self.commits, parts, units, self.refused, len(self._prepared))
+            CommitLog(self.me, self.commits, parts, units, self.refused, len(self._prepared))
         )
 
     def tick(self) -> None:
@@ -255,14 +255,14 @@ class Keeper:
         if not self._owed:
             self._owed_age = 0
         return [
-            *(Passes(self.me, keeper, parts) for keeper, parts in out.passes.items()),
-            *(Tells(self.me, process, parts) for process, parts in out.tells.items()),
+            *(Forwards(self.me, keeper, parts) for keeper, parts in out.passes.items()),
+            *(Replies(self.me, process, parts) for process, parts in out.tells.items()),
             *out.rest,
         ]
 
     # Attempts.
 
-    def _attempt(self, passed: Passed, sender: int | None) -> None:
+    def _attempt(self, passed: Forwarded, sender: int | None) -> None:
         attempt = passed.attempt
         last = self._last.get(attempt.module)
         mine = attempt.epoch, attempt.number
@@ -294,7 +294,7 @@ class Keeper:
         if replaced is not None:
             self._go_on()  # some may have waited for that alone
 
-    def _again(self, passed: Passed, last: _Last, sender: int | None) -> None:
+    def _again(self, passed: Forwarded, last: _Last, sender: int | None) -> None:
         """Say again what came of an attempt that was seen before, or pass it on again."""
         attempt = passed.attempt
         if attempt.epoch < last.epoch:
@@ -386,7 +386,7 @@ class Keeper:
             return f"fenced off: module_{attempt.module} is in epoch {occupant.epoch}"
         return None
 
-    def _gathered(self, passed: Passed, plan: AttemptPlan) -> list[Occupant | None]:
+    def _gathered(self, passed: Forwarded, plan: AttemptPlan) -> list[Occupant | None]:
         found = list(passed.occupants) or [None] * len(plan.motion)
         for number, (source, _) in enumerate(plan.motion):
             place = self._system.place_of(source)
@@ -427,14 +427,14 @@ class Keeper:
             self._pass(keeper, decision)
         self._give_up(decision.module)
 
-    def _commit(self, passed: Passed, plan: AttemptPlan) -> None:
+    def _commit(self, passed: Forwarded, plan: AttemptPlan) -> None:
         attempt = passed.attempt
         moved, occupants = self._outcome(passed, plan)
         decision = Decision(
             attempt.module,
             attempt.epoch,
             attempt.number,
-            moved=moved,
+            commit=moved,
             occupants=[(to_json(site), occupant) for site, occupant in occupants],
         )
         self._journal.append(Committed(passed, decision))
@@ -446,7 +446,7 @@ class Keeper:
         self._show_changes()
         self._give_up(decision.module)
 
-    def _carry_out_commit(self, passed: Passed, decision: Decision, plan: AttemptPlan) -> None:
+    def _carry_out_commit(self, passed: Forwarded, decision: Decision, plan: AttemptPlan) -> None:
         self.commits += 1
         if len(plan.chain) > 1:
             owing = dict.fromkeys(plan.chain[:-1])
@@ -455,12 +455,12 @@ class Keeper:
         self._apply(decision, plan)
 
     def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
-        if decision.moved is not None:
-            self.units.apply(decision.moved, plan.shares[self.me], sites_in(decision.occupants))
+        if decision.commit is not None:
+            self.units.apply(decision.commit, plan.shares[self.me], sites_in(decision.occupants))
 
     def _outcome(
-        self, passed: Passed, plan: AttemptPlan
-    ) -> tuple[Moved, list[tuple[Site, Occupant]]]:
+        self, passed: Forwarded, plan: AttemptPlan
+    ) -> tuple[Commit, list[tuple[Site, Occupant]]]:
         """Return what is committed, and the modules that it changes as they are from now on."""
         attempt = passed.attempt
         notes: dict[int, Register | None] = {}
@@ -496,7 +496,7 @@ class Keeper:
             if counts:
                 changed.append((at, new))
         return (
-            Moved(
+            Commit(
                 keeper=self.me,
                 serial=self.commits + 1,
                 module=attempt.module,
@@ -518,7 +518,7 @@ class Keeper:
     def _show_changes(self) -> None:
         for tile, places in sorted(self.units.last_change.items()):
             parts = [self.units.shown(place) for place in places]
-            self._out.rest.append(Shows(self.me, tile, self.units.serials[tile], parts))
+            self._out.rest.append(TileUpdate(self.me, tile, self.units.serials[tile], parts))
 
     # Decisions of other keepers.
 
@@ -527,11 +527,11 @@ class Keeper:
         if pending is not None and name_of(pending.passed.attempt) == name_of(decision):
             self._journal.append(Decided(decision))
             self._decide(pending, decision)
-            if decision.moved is not None:
+            if decision.commit is not None:
                 self._show_changes()
             elif pending.plan.chain[0] == self.me:
                 self._tell(pending.passed.process, decision)
-        if decision.moved is not None and decision.moved.keeper == keeper:
+        if decision.commit is not None and decision.commit.keeper == keeper:
             self._owed.setdefault(keeper, []).append(Settled(*name_of(decision)))
         self._give_up(decision.module)
         self._go_on()
@@ -539,7 +539,7 @@ class Keeper:
     def _decide(self, pending: _Pending, decision: Decision) -> None:
         """Carry out a decision, and free what was locked for it."""
         module, share = decision.module, pending.share
-        if decision.why == ABORTED:
+        if decision.reason == ABORTED:
             self._leases[module] = min(2 * pending.due, LEASE_TICKS_MAX)
         else:
             self._leases.pop(module, None)
@@ -592,7 +592,7 @@ class Keeper:
         if last is not None and last.id == name[1:] and last.decision is not None:
             self._pass(keeper, last.decision)
             return
-        decision = Decision(*name, why=ABORTED)
+        decision = Decision(*name, reason=ABORTED)
         if last is None or last.id < name[1:]:
             self._journal.append(Decided(decision))
             self._last[inquiry.module] = _Last(inquiry.epoch, inquiry.number, decision)
@@ -694,13 +694,13 @@ class Keeper:
 
     # Modules that enter, and processes that look.
 
-    def _enter(self, process: int, enter: Enter) -> None:
+    def _enter(self, process: int, enter: EnterRequest) -> None:
         place = self.units.place_of.get(enter.module)
         if place is None:
             return
         occupant = self.units.occupant(place)
         lock = True, place
-        if occupant is None or enter.birth < occupant.birth:
+        if occupant is None or enter.incarnation < occupant.incarnation:
             return
         holders = [self._exclusive.get(lock), *self._shared.get(lock, ())]
         for module in holders:
@@ -708,29 +708,29 @@ class Keeper:
                 # It may be about to move: what became of that comes first.
                 self._inquire(self._prepared[module])
                 return
-        if enter.birth > occupant.birth:
+        if enter.incarnation > occupant.incarnation:
             self._journal.append(JoinedRecord(enter))
             self._be_born(enter)
         site = self.units.site_of(enter.module)
         known = self.units.occupant(place)
         if known is not None:
-            self._tell(process, Entered(enter.birth, to_json(site), known))
+            self._tell(process, Entered(enter.incarnation, to_json(site), known))
 
-    def _be_born(self, enter: Enter) -> None:
+    def _be_born(self, enter: EnterRequest) -> None:
         occupant = self.units.occupant(self.units.place_of[enter.module])
         if occupant is not None:
             self.units.replace(
-                replace(occupant, birth=enter.birth, epoch=occupant.epoch + 1, number=0)
+                replace(occupant, incarnation=enter.incarnation, epoch=occupant.epoch + 1, number=0)
             )
 
-    def _look(self, look: Look) -> None:
+    def _look(self, look: TileQuery) -> None:
         if not Tiles.is_name(look.tile) or self._tiles.keeper_of_tile(look.tile) != self.me:
             self.refused += 1
             return
         serial = self.units.serials.get(look.tile, 0)
         if look.serial != serial:
             parts = self.units.tile(look.tile)
-            self._out.rest.append(Shows(self.me, look.tile, serial, parts, whole=True))
+            self._out.rest.append(TileUpdate(self.me, look.tile, serial, parts, whole=True))
 
     # Coming back.
 
@@ -769,9 +769,9 @@ class Keeper:
     def _tell(self, process: int, part: Decision | Entered | Held) -> None:
         self._out.tells.setdefault(process, []).append(part)
 
-    def _pass(self, keeper: int, part: Passed | Decision | Inquiry | Settled) -> None:
+    def _pass(self, keeper: int, part: Forwarded | Decision | Inquiry | Settled) -> None:
         self._out.passes.setdefault(keeper, []).append(part)
 
 
 def _refusal(attempt: Attempt, why: str) -> Decision:
-    return Decision(attempt.module, attempt.epoch, attempt.number, why=why)
+    return Decision(attempt.module, attempt.epoch, attempt.number, reason=why)

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
-    Enter,
-    Fetch,
+    CommitLog,
+    CommitQuery,
+    EnterRequest,
+    Forwards,
     FreeMessage,
     Hold,
-    Passes,
-    Repeat,
-    Shows,
-    Tail,
-    Tells,
+    Replies,
+    Requests,
+    RetransmitRange,
+    TileUpdate,
     free_key,
     heard_by_keeper,
     read_free,
@@ -32,11 +32,15 @@ class KeeperNode(Node):
     """A keeper between the wire and its own machine; it serves until `Go` says "stop"."""
 
     def __init__(
-        self, keeper: Keeper, run: str, modules_of: Sequence[Sequence[int]] = (), birth: int = 1
+        self,
+        keeper: Keeper,
+        run: str,
+        modules_of: Sequence[Sequence[int]] = (),
+        incarnation: int = 1,
     ) -> None:
         """Know which modules each process may speak for."""
         self.keeper = keeper
-        self._sayings = Sayings(run, birth)
+        self._sayings = Sayings(run, incarnation)
         self._run = run
         self._process_of = {
             module: process for process, modules in enumerate(modules_of) for module in modules
@@ -52,7 +56,7 @@ class KeeperNode(Node):
         message = read_free(self._run, key, data)
         if isinstance(message, Go) and message.phase == "stop":
             return [Timer(None), End()]
-        if isinstance(message, Repeat):
+        if isinstance(message, RetransmitRange):
             return list(self._sayings.again(message))
         self._take(message)
         return self._said()
@@ -60,16 +64,16 @@ class KeeperNode(Node):
     def _take(self, message: FreeMessage | None) -> None:
         keeper = self.keeper
         match message:
-            case Asks(process=process, keeper=keeper.me, parts=parts):
+            case Requests(process=process, keeper=keeper.me, parts=parts):
                 for part in parts:
                     if self._may_speak(process, part):
                         keeper.ask(process, part)
                     else:
                         keeper.refused += 1
-            case Passes(keeper=other, to=keeper.me, parts=parts):
+            case Forwards(keeper=other, to=keeper.me, parts=parts):
                 for said in parts:
                     keeper.hear(other, said)
-            case Fetch(keeper=keeper.me, serial=serial):
+            case CommitQuery(keeper=keeper.me, serial=serial):
                 keeper.fetch(serial)
             case Go():
                 pass  # for modules
@@ -83,7 +87,7 @@ class KeeperNode(Node):
         return self._said()
 
     def _may_speak(self, process: int, part: object) -> bool:
-        if not isinstance(part, Attempt | Enter | Hold):
+        if not isinstance(part, Attempt | EnterRequest | Hold):
             return True
         return self._process_of.get(part.module) == process
 
@@ -96,9 +100,9 @@ class KeeperNode(Node):
 
     def _put(self, message: FreeMessage) -> Put:
         match message:
-            case Passes() | Tells() | Shows():
+            case Forwards() | Replies() | TileUpdate():
                 return self._sayings.say(message)
-            case Tail():
+            case CommitLog():
                 return self._sayings.tell(message)
             case _:
                 return Put(free_key(self._run, message), encode(message))

@@ -23,13 +23,13 @@ def keep(config: KeeperConfig) -> None:
     """Come back from the log if there is one, and serve until `Go` says "stop"."""
     scene = scene_from_toml(config.scene, "the configuration")
     tiles = Tiles(scene.system, config.keepers)
-    opened = Opened(config.log_run, config.keeper, config.birth)
+    opened = Opened(config.log_run, config.keeper, config.incarnation)
     with FileJournal(Path(config.log), opened, config.commits) as journal:
         try:
             keeper = Keeper(config.keeper, scene, tiles, journal, tell_reads=config.tell_reads)
         except InputError as error:
             raise InputError(f"{config.log}: {error}") from None
-        node = KeeperNode(keeper, config.run, config.modules_of, config.birth)
+        node = KeeperNode(keeper, config.run, config.modules_of, config.incarnation)
         run_node(node, config.endpoint, config.credentials)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from cubepath.agents.keepers.attempts import Share
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.free_messages import Moved, Occupant, Shown
+from cubepath.protocol.wire.free_messages import Commit, Occupant, PlaceState
 from cubepath.protocol.wire.keys import Tiles
 
 
@@ -110,7 +110,7 @@ class Units:
         return max([0, *found, *(self.unit(unit).read_level for unit in share.writes)])
 
     def apply(
-        self, moved: Moved, share: Share, occupants: Iterable[tuple[Site, Occupant]]
+        self, moved: Commit, share: Share, occupants: Iterable[tuple[Site, Occupant]]
     ) -> list[str]:
         """Carry out what concerns these units; return the tiles that change, in order.
 
@@ -161,15 +161,15 @@ class Units:
         self.place_of[occupant.module] = place
         self._by_tile.setdefault(self._tiles.tile_of(place), {})[place] = None
 
-    def shown(self, place: Site) -> Shown:
+    def shown(self, place: Site) -> PlaceState:
         """Return what is shown of a place."""
         version = self._places.get(place, 0)
         held = self._occupants.get(place)
         reads = self._reads(place) if self._tell_reads else []
         if held is None:
-            return Shown(to_json(place), version, reads=reads)
+            return PlaceState(to_json(place), version, reads=reads)
         site, occupant = held
-        return Shown(
+        return PlaceState(
             to_json(place),
             version,
             to_json(site),
@@ -186,7 +186,7 @@ class Units:
             units = [place] if place in self.units else []
         return [(to_json(unit), self.units[unit].version, self.units[unit].reads) for unit in units]
 
-    def tile(self, tile: str) -> list[Shown]:
+    def tile(self, tile: str) -> list[PlaceState]:
         """Return what is shown of a tile: where something is or ever was."""
         return [self.shown(place) for place in in_order(self._by_tile.get(tile, {}))]
 

@@ -36,10 +36,10 @@ from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
-    Here,
     Message,
     Note,
     Part,
+    Presence,
     Report,
     Verdict,
     kind_of,
@@ -73,7 +73,7 @@ def nothing_said(note_length: int, *, first_choice: int) -> LastNote:
 
 
 _COUNTS_IN = {
-    "here": ("sense",),
+    "presence": ("sense",),
     "note": ("sense",),
     "claim": ("sense", "claim"),
     "verdict": ("sense", "claim", "settle"),
@@ -150,7 +150,7 @@ class ModuleCore:
         self.round = round_number
         self._phase = "sense"
         self._clear()
-        found: list[Part] = [Here(round_number, self.module, self.site)]
+        found: list[Part] = [Presence(round_number, self.module, self.site)]
         note = self._last_note.said_in(round_number)
         if note is not None:
             found.append(Note(round_number, self.module, self.site, list(note)))
@@ -162,7 +162,7 @@ class ModuleCore:
         `sender` is the site in the message, if it was read from it already: many modules may hear
         one message.
         """
-        if not isinstance(message, Here | Note | Claim | Verdict):
+        if not isinstance(message, Presence | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
         kind = kind_of(message)
         if message.round != self.round or self._phase not in _COUNTS_IN[kind]:
@@ -175,7 +175,7 @@ class ModuleCore:
             sender = site_from_json(message.site)
         self._heard.setdefault(kind, []).append(message.module)
         match message:
-            case Here():
+            case Presence():
                 self._occupants[self._system.place_of(sender)] = sender
             case Note():
                 self._notes[self._system.place_of(sender)] = tuple(message.note)
@@ -274,6 +274,6 @@ class ModuleCore:
             site=self.site,
             claim=outcome(self._granted),
             move=None if own is None else GeneratorPlacement(own.generator, own.at),
-            heard={kind: sorted(self._heard[kind]) for kind in sorted(self._heard)},
+            received={kind: sorted(self._heard[kind]) for kind in sorted(self._heard)},
             failed=self._failed,
         )

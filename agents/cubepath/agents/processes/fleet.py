@@ -32,7 +32,7 @@ from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.keys import key_of, topic_key
-from cubepath.protocol.wire.messages import Act, Go, Message, encode
+from cubepath.protocol.wire.messages import ChosenAction, Go, Message, encode
 from cubepath.protocol.wire.nodes import Effect, Keep, Put
 from cubepath.protocol.wire.router import Router, without_tls
 from cubepath.protocol.wire.shell import Shell
@@ -370,7 +370,7 @@ class LockstepFleet(ProcessFleet):
         """Begin the next round; modules driven from outside send their observations."""
         self._do(self._pacer.begin_round(driven=True))
 
-    def act(self, acts: list[Act]) -> None:
+    def act(self, acts: list[ChosenAction]) -> None:
         """Send the actions of modules driven from outside, and finish the round."""
         self._do(self._pacer.act(acts))
 

@@ -29,23 +29,23 @@ from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
-    Act,
-    Acts,
-    Again,
+    Bundle,
+    ChosenAction,
+    ChosenActions,
     Claim,
     Go,
-    Here,
     Message,
     NoMessageError,
     Note,
     Observations,
     Part,
+    Presence,
     Ready,
     Reason,
     Refused,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Verdict,
     Waiting,
     decode,
@@ -57,7 +57,7 @@ from cubepath.protocol.wire.nodes import Keep
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
 """The phases in which modules say something to each other."""
 KINDS_IN: dict[str, tuple[type[Part], ...]] = {
-    "sense": (Here, Note),
+    "sense": (Presence, Note),
     "claim": (Claim,),
     "settle": (Verdict,),
 }
@@ -93,7 +93,7 @@ def refuse(reason: Reason, why: str) -> NoReturn:
 class HeardMessage(msgspec.Struct, frozen=True):
     """What was said, with the sites from which its parts were said."""
 
-    said: Said
+    said: Bundle
     senders: tuple[Site, ...]
 
 
@@ -123,7 +123,15 @@ class Judge:
             where, due = topic_in_key(key), topic_in_key(key_of(self._run, message))
             refuse("wrong key", f"{kind_of(message)} put on {where}, expected {due}")
         match message:
-            case Ready() | Said() | Reports() | Observations() | Acts() | Again() | Waiting():
+            case (
+                Ready()
+                | Bundle()
+                | Reports()
+                | Observations()
+                | ChosenActions()
+                | Retransmit()
+                | Waiting()
+            ):
                 if message.process >= len(self._modules_of):
                     refuse("foreign", f"this run has no process_{message.process}")
             case Go() | Reset():
@@ -132,7 +140,7 @@ class Judge:
                 refuse("out of place", f"{kind_of(message)} is on record, and never on the wire")
         return message
 
-    def heard(self, said: Said) -> HeardMessage:
+    def heard(self, said: Bundle) -> HeardMessage:
         """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
         process, round_number = said.process, said.round
         kinds, process_of, sites = KINDS_IN[said.phase], self._process_of, self._sites
@@ -144,7 +152,7 @@ class Judge:
             sender = sites.get(encode(part.site))
             if sender is None:
                 sender = self._read_site(part)
-            if type(part) is not Here:
+            if type(part) is not Presence:
                 self._check_content(part, sender)
             senders.append(sender)
         if len({(type(part), part.module) for part in said.parts}) != len(said.parts):
@@ -205,7 +213,7 @@ class Judge:
             if label is None or not 0 <= label < system.labels:
                 raise InputError("no such label")
 
-    def check_whole(self, message: Reports | Observations | Acts) -> None:
+    def check_whole(self, message: Reports | Observations | ChosenActions) -> None:
         """Check that a message has a part of this round for each module of its process."""
         modules = [part.module for part in message.parts]
         for part in message.parts:
@@ -217,7 +225,7 @@ class Judge:
                 )
             if part.round != message.round:
                 refuse("out of place", f"{kind_of(part)} of round {part.round} in {message.round}")
-            if isinstance(part, Act) and part.note:
+            if isinstance(part, ChosenAction) and part.note:
                 self._check_note(f"action for module_{part.module}", part.note)
         if sorted(modules) != self._modules_of[message.process]:
             refuse(
@@ -236,7 +244,7 @@ def _name(part: Part) -> str:
     return f"{kind_of(part)} of module_{part.module}"
 
 
-def _refuse_part(said: Said, part: Part) -> NoReturn:
+def _refuse_part(said: Bundle, part: Part) -> NoReturn:
     """Refuse what a process says for a module of another, or at another time."""
     when = f"round {part.round}, said in phase {said.phase} of round {said.round}"
     if part.round != said.round or type(part) not in KINDS_IN[said.phase]:
@@ -295,9 +303,9 @@ class Refusals:
         self._known[kind] = self.last = Refused(
             round=round_number,
             key=topic[:_KEY_MAX],
-            who=who,
+            sender=who,
             reason=error.reason,
-            why=str(error)[:_WHY_MAX],
+            detail=str(error)[:_WHY_MAX],
             count=1,
             sample=data[:_SAMPLE_MAX].decode(errors="replace"),
         )
@@ -309,7 +317,9 @@ class Refusals:
         for kind, more in self._more.items():
             first = self._known[kind]
             found.append(
-                _keep(Refused(first.round, first.key, first.who, first.reason, first.why, more))
+                _keep(
+                    Refused(first.round, first.key, first.sender, first.reason, first.detail, more)
+                )
             )
         self._more.clear()
         return found

@@ -14,7 +14,7 @@ from cubepath.agents.processes.judge import HeardMessage, Spoken
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import key_of
-from cubepath.protocol.wire.messages import Here, Part, Said, Verdict, encode
+from cubepath.protocol.wire.messages import Bundle, Part, Presence, Verdict, encode
 from cubepath.protocol.wire.nodes import Put
 
 
@@ -24,7 +24,7 @@ class Inbox:
     def __init__(self) -> None:
         self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], HeardMessage]] = {}
 
-    def knows(self, said: Said) -> bool:
+    def knows(self, said: Bundle) -> bool:
         """Return whether a message of that number is kept already, whatever it holds."""
         kept = self._heard.get((said.round, said.phase), ())
         return (said.region, said.process, said.number) in kept
@@ -80,7 +80,7 @@ class Outbox:
         found = []
         for region in sorted(by_region):
             puts = said.setdefault(region, [])
-            message = Said(
+            message = Bundle(
                 round=self._round,
                 phase=phase,
                 process=self._process,
@@ -110,7 +110,7 @@ class Outbox:
         if isinstance(part, Verdict):
             return frozenset(system.region(site_from_json(place)) for place in part.to)
         place = system.place_of(site_from_json(part.site))
-        return self._regions_of(place, sensed=isinstance(part, Here))
+        return self._regions_of(place, sensed=isinstance(part, Presence))
 
     def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
         system = self._system

@@ -81,7 +81,7 @@ class Liveness:
         return not self._routers and now - self._changed_s >= SETTLE_S
 
 
-PROTOCOL = 3
+PROTOCOL = 4
 """Changes with whatever must be the same in all processes of a run: messages, keys, phases."""
 ANY = "any"
 """In place of a name: whatever number is free."""

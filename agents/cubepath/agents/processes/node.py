@@ -35,17 +35,17 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
 from cubepath.protocol.wire.messages import (
-    Acts,
-    Again,
+    Bundle,
+    ChosenActions,
     Go,
     Message,
+    ModuleObservation,
     Observations,
-    Observed,
     Part,
     Ready,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Waiting,
     encode,
 )
@@ -81,7 +81,7 @@ class HostNode:
         self._phase: str = "join"
         self._round = round_number
         self._pending: Go | None = None
-        self._given: dict[int, Acts] = {}
+        self._given: dict[int, ChosenActions] = {}
         self._inbox = Inbox()
         self._outbox = Outbox(scene.system, config.run, config.process, round_number)
         self._answers: list[Put] = []
@@ -90,7 +90,7 @@ class HostNode:
         self._wait_s: float | None = None
         note_length = config.note_length
         if self._rule is not None:
-            self._actors, note_length = _at_birth(config, scene, self._rule, seed)
+            self._actors, note_length = _at_incarnation(config, scene, self._rule, seed)
         self._judge.note_length = note_length
         later_seeds = () if config.recorded is None else config.recorded.seeds
         goals = goal_sets(scene)
@@ -124,12 +124,12 @@ class HostNode:
         keys = [
             topic_key(config.run, "go", "coordinator"),
             topic_key(config.run, "go", f"process_{config.process}"),
-            topic_key(config.run, "again"),
+            topic_key(config.run, "retransmit"),
             topic_key(config.run, "reset", "coordinator"),
             topic_key(config.run, "reset", f"process_{config.process}"),
         ]
         if self._rule is None:
-            keys.append(topic_key(config.run, "acts", f"process_{config.process}"))
+            keys.append(topic_key(config.run, "actions", f"process_{config.process}"))
         return [Listen((*keys, *self._keys_of(self._within))), *self._join()]
 
     def _join(self) -> list[Effect]:
@@ -147,13 +147,13 @@ class HostNode:
 
     def _receive(self, message: Message) -> list[Effect]:
         match message:
-            case Said():
+            case Bundle():
                 return self._hear(message)
             case Go():
                 return self._go(message)
-            case Again():
+            case Retransmit():
                 return list(self._repeated(message))
-            case Acts():
+            case ChosenActions():
                 return self._take_acts(message)
             case Reset():
                 return self._reset(message)
@@ -192,10 +192,10 @@ class HostNode:
         return [Timer(None)]
 
     def _ask(self, phase: Spoken, region: str) -> Put:
-        message = Again(self._round, self._config.process, phase, region)
+        message = Retransmit(self._round, self._config.process, phase, region)
         return Put(key_of(self._config.run, message), encode(message))
 
-    def _repeated(self, again: Again) -> Iterable[Put]:
+    def _repeated(self, again: Retransmit) -> Iterable[Put]:
         repeats = self._repeats.get(again.process, 0)
         if again.round != self._round or repeats >= _REPEATS_MAX:
             return ()
@@ -214,7 +214,7 @@ class HostNode:
 
     # What is heard.
 
-    def _hear(self, said: Said) -> list[Effect]:
+    def _hear(self, said: Bundle) -> list[Effect]:
         """Keep what was said for the end of its phase; verdicts are given at once."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
@@ -224,7 +224,7 @@ class HostNode:
             return self._conclude(self._tell_own(self._give(heard)))
         return self._try_to_begin()
 
-    def _awaits(self, said: Said) -> bool:
+    def _awaits(self, said: Bundle) -> bool:
         """Return whether what was said has its phase before it or in it; else it is a double."""
         if said.process == self._config.process or said.region not in self._within:
             return False
@@ -257,7 +257,7 @@ class HostNode:
         if before is None:
             return []
         heard = self._inbox.counts(go.round, before) + Counter(self._outbox.counts(before))
-        return [region for region in sorted(self._within) if heard[region] < go.said.get(region, 0)]
+        return [region for region in sorted(self._within) if heard[region] < go.sent.get(region, 0)]
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
         """Give modules all that was said in a phase by modules of other processes."""
@@ -301,7 +301,7 @@ class HostNode:
         """Return whether the phase is the next one.
 
         A process that came back without its memory is asked for a later one. It does not take part:
-        it says that it is there, as at its birth, until the coordinator's patience ends.
+        it says that it is there, as at its incarnation, until the coordinator's patience ends.
         """
         first = go.phase in ("sense", "over")
         if go.phase == "observe" and self._rule is not None:
@@ -437,7 +437,7 @@ class HostNode:
 
     # Driven from outside.
 
-    def _take_acts(self, acts: Acts) -> list[Effect]:
+    def _take_acts(self, acts: ChosenActions) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
             return []
         if acts.process != self._config.process:
@@ -463,8 +463,8 @@ class HostNode:
         return [*found, *self._join()]
 
 
-def _observed(round_number: int, module: int, seen: Observation) -> Observed:
-    return Observed(
+def _observed(round_number: int, module: int, seen: Observation) -> ModuleObservation:
+    return ModuleObservation(
         round=round_number,
         module=module,
         observation=seen["observation"].tolist(),
@@ -473,7 +473,7 @@ def _observed(round_number: int, module: int, seen: Observation) -> Observed:
     )
 
 
-def _at_birth(
+def _at_incarnation(
     config: ProcessConfig, scene: Scene, rule: RuleType, seed: int
 ) -> tuple[dict[int, Actor], int]:
     """Return an actor for each module, by number, and the length of the notes."""

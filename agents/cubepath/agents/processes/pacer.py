@@ -24,9 +24,9 @@ from cubepath.agents.processes.judge import (
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import everything, key_of, topic_key
 from cubepath.protocol.wire.messages import (
-    Act,
-    Acts,
-    Again,
+    Bundle,
+    ChosenAction,
+    ChosenActions,
     Go,
     Message,
     Observations,
@@ -34,7 +34,7 @@ from cubepath.protocol.wire.messages import (
     Refused,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Waiting,
     encode,
     kind_of,
@@ -87,7 +87,7 @@ class Pacer:
         self._hears_all = hears_all
         self._driven = False
         self._go: Message | None = None
-        self._acts: list[Acts] = []
+        self._acts: list[ChosenActions] = []
         self._begin_phase("join")
 
     def _begin_phase(self, phase: Phase) -> None:
@@ -126,11 +126,11 @@ class Pacer:
         self._counts: dict[str, int] = {}
         return [*told, *self._ask("sense")]
 
-    def act(self, acts: Sequence[Act]) -> list[Effect]:
+    def act(self, acts: Sequence[ChosenAction]) -> list[Effect]:
         """Finish a round with the actions of all modules."""
         by_module = {act.module: act for act in acts}
         self._acts = [
-            Acts(self.round, process, [by_module[module] for module in modules])
+            ChosenActions(self.round, process, [by_module[module] for module in modules])
             for process, modules in enumerate(self._modules_of)
         ]
         found: list[Effect] = []
@@ -172,12 +172,12 @@ class Pacer:
         try:
             message = self._judge.read(key, data)
             match message:
-                case Said():
+                case Bundle():
                     return self._take(message, data) if self._is_true(message, data) else []
                 case Ready() | Reports() | Observations():
                     new = self._is_new(message, data)
                     return self._take(message, data) if new else []
-                case Waiting() | Again():
+                case Waiting() | Retransmit():
                     return self._take_asking(message, data)
                 case _:
                     # What the coordinator says does not come back to it.
@@ -190,7 +190,7 @@ class Pacer:
         """Return how many messages were refused."""
         return self._refusals.count
 
-    def _take_asking(self, message: Waiting | Again, data: bytes) -> list[Effect]:
+    def _take_asking(self, message: Waiting | Retransmit, data: bytes) -> list[Effect]:
         if message.round > self.round:
             refuse("out of place", f"round {message.round}, in round {self.round}")
         if message.round < self.round:
@@ -204,7 +204,7 @@ class Pacer:
             self._waited.add(message.process)
         return [Keep(data, message)]
 
-    def _is_true(self, said: Said, data: bytes) -> bool:
+    def _is_true(self, said: Bundle, data: bytes) -> bool:
         """Return whether what is said is due, as `_is_new`; who says what cannot be is not through.
 
         Others may have heard it: were another message taken for it, they would know otherwise.
@@ -220,7 +220,7 @@ class Pacer:
                 self._through.discard(said.process)
             raise
 
-    def _is_new(self, message: Ready | Said | Reports | Observations, data: bytes) -> bool:
+    def _is_new(self, message: Ready | Bundle | Reports | Observations, data: bytes) -> bool:
         """Return whether a message is due; False for a repetition, RefusedError for all else."""
         if not self._is_of_now(message):
             return False
@@ -230,7 +230,7 @@ class Pacer:
             refuse("doubled", f"{kind_of(message)} of {_when(message)} came before")
         if self.idle:
             refuse("out of place", f"{kind_of(message)} of {_when(message)}, which is over")
-        if isinstance(message, Said):
+        if isinstance(message, Bundle):
             self._judge.heard(message)
         elif isinstance(message, Reports | Observations):
             self._judge.check_whole(message)
@@ -238,7 +238,7 @@ class Pacer:
             self._check(message)  # an answer is checked once all that it counts has come
         return True
 
-    def _is_of_now(self, message: Ready | Said | Reports | Observations) -> bool:
+    def _is_of_now(self, message: Ready | Bundle | Reports | Observations) -> bool:
         """Return whether a message is of this phase; False for a repetition of one before."""
         match message:
             case Reports():
@@ -260,13 +260,13 @@ class Pacer:
             refuse("stale", f"{kind_of(message)} of {_when(message)}")
         return False
 
-    def _is_known(self, message: Ready | Said | Reports | Observations, data: bytes) -> bool:
+    def _is_known(self, message: Ready | Bundle | Reports | Observations, data: bytes) -> bool:
         """Return whether a message is known; RefusedError if it was another one."""
         process = message.process
         match message:
             case Ready():
                 known = self._answers.get(process)
-            case Said(region=region, number=number):
+            case Bundle(region=region, number=number):
                 known = self._said.get(process, {}).get((region, number))
             case _:
                 known = self._told.get(process)
@@ -274,18 +274,18 @@ class Pacer:
             refuse("contradicts", f"another {kind_of(message)} of {_when(message)} came before")
         return known is not None
 
-    def _take(self, message: Ready | Said | Reports | Observations, data: bytes) -> list[Effect]:
+    def _take(self, message: Ready | Bundle | Reports | Observations, data: bytes) -> list[Effect]:
         match message:
             case Ready():
                 self._ready[message.process] = message
                 self._answers[message.process] = data
-            case Said():
+            case Bundle():
                 said = self._said.setdefault(message.process, {})
                 said[message.region, message.number] = data
             case Reports() | Observations():
                 self._told[message.process] = data
         self._moved = True
-        if isinstance(message, Said | Observations):
+        if isinstance(message, Bundle | Observations):
             return [Keep(data, message), *self._pass(message.process)]
         # On record they say that all of it is: so not before it is.
         self._held.setdefault(message.process, []).append(Keep(data, message))
@@ -324,12 +324,12 @@ class Pacer:
             return True
         if self.phase in ("settle", "observe") and process not in self._told:
             return False
-        return len(self._said.get(process, ())) >= sum(ready.said.values())
+        return len(self._said.get(process, ())) >= sum(ready.sent.values())
 
     def _next(self) -> list[Effect]:
         self._counts = {}
         for process in sorted(self._ready):  # not in the order of arrival: it goes on record
-            for region, count in self._ready[process].said.items():
+            for region, count in self._ready[process].sent.items():
                 self._counts[region] = self._counts.get(region, 0) + count
         match self.phase:
             case "sense":
@@ -378,7 +378,7 @@ class Pacer:
         line = f"no answer within {self._waited_s:g} s to {what} from {names}"
         refused = self._refusals.last
         if refused is not None:
-            line += f"; last refused, on {refused.key}: {refused.why}"
+            line += f"; last refused, on {refused.key}: {refused.detail}"
         if unheard or not self._false.isdisjoint(late):
             return line
         return f"{line}, waiting for others" + (" when last heard of" if silent else "")
@@ -396,7 +396,7 @@ class Pacer:
         return f"{', '.join(names)} (process {process})"
 
 
-def _when(message: Ready | Said | Reports | Observations) -> str:
+def _when(message: Ready | Bundle | Reports | Observations) -> str:
     """Return the phase, if a message tells it, and the round."""
-    phase = f"phase {message.phase} of " if isinstance(message, Ready | Said) else ""
+    phase = f"phase {message.phase} of " if isinstance(message, Ready | Bundle) else ""
     return f"{phase}round {message.round}"

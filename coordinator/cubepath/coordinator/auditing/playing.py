@@ -477,7 +477,7 @@ class FreeRuleAudit:
         turn, rule = seen.turn, self._rule
         if rule is None:
             return
-        if bool(turn.heard) != bool(self._length and self._reach(seen)):
+        if bool(turn.received) != bool(self._length and self._reach(seen)):
             fail(f"{turn_text(turn)}: its rule hears {'others' if self._length else 'nobody'}")
         if seen.fresh:
             self._actors[turn.module] = self._born(rule, seen)

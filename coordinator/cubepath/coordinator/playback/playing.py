@@ -94,7 +94,7 @@ class PlayOptions(TypedDict, total=False):
     - ``wait_for_subscribers``, ``wait_s``: wait until another session subscribes to a part of the
       run, and how many seconds at most (60).
     - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
-      keepers said; "said" means "said/*".
+      keepers said; "bundle" means "bundle/*".
     - ``remap``: pairs "FROM=TO" of topics or keys, or of how they begin.
     - ``run``: the run id in the keys, by default a new one.
     - ``endpoint``: where the router listens, for example "tcp/127.0.0.1:7447"; None means a unix

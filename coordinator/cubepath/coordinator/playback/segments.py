@@ -27,12 +27,12 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
+from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free
 from cubepath.protocol.wire.keys import topic_in_key
 from cubepath.protocol.wire.messages import Report, decode, parts_of
 
 _REPORTS = frozenset({"reports"})
-_COMMITS = frozenset({"moved", "tail"})
+_COMMITS = frozenset({"commit", "commits"})
 _SNAPSHOT_CHUNKS = 8
 
 
@@ -149,23 +149,23 @@ class RecordedStates:
             each = self._reel.next(Cursor(where.chunk, where.place + 1), _COMMITS)
         return self._state(level, tuple(modules[number][0] for number in sorted(modules)), ())
 
-    def _commits_in(self, record: Record) -> list[Moved]:
+    def _commits_in(self, record: Record) -> list[Commit]:
         if record.kind not in _COMMITS:
             return []
         try:
             message = decode_free(record.data)
         except CubepathError as error:
             raise self._malformed(record, error) from None
-        if isinstance(message, Tail):
+        if isinstance(message, CommitLog):
             return message.parts
-        return [message] if isinstance(message, Moved) else []
+        return [message] if isinstance(message, Commit) else []
 
     def _malformed(self, record: Record, error: CubepathError) -> InputError:
         where = f"{self._reel.recording.path}: message {record.sequence} ({record.topic})"
         return InputError(f"{where}: {error}")
 
 
-_OF_KEEPERS = ("moved/", "tail/", "turns/")
+_OF_KEEPERS = ("commit/", "commits/", "turns/")
 
 
 class SegmentComparison:

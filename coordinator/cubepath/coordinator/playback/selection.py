@@ -15,11 +15,11 @@ from cubepath.protocol.wire.free_messages import decode_free, free_key
 from cubepath.protocol.wire.keys import ROOT, key_of, topic_in_key
 from cubepath.protocol.wire.messages import decode
 
-SAID = ("said", "reports", "observations")
+SAID = ("bundle", "reports", "observations")
 """The kinds of messages that are put back."""
-FREE_SAID = ("ask", "pass", "tell", "shows", "moved", "turns", "tail")
+FREE_SAID = ("requests", "forwards", "replies", "tile", "commit", "turns", "commits")
 """The same of a run without rounds: what modules and keepers say."""
-_NEEDED = {"lockstep": frozenset({"reports"}), "free": frozenset({"moved", "tail"})}
+_NEEDED = {"lockstep": frozenset({"reports"}), "free": frozenset({"commit", "commits"})}
 """What a run is gathered from."""
 _GLOB = frozenset("*?[")
 _NOT_IN_KEYS = frozenset("*$?#")

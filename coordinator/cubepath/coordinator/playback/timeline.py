@@ -260,7 +260,7 @@ class Timeline:
         return found
 
     def _number_in(self, record: Record) -> int:
-        if self._free and record.kind != "moved":
+        if self._free and record.kind != "commit":
             return 0
         try:
             found = _numbers_in(record.data)

@@ -17,17 +17,17 @@ from cubepath.agents.processes.judge import Refusals, RefusedError
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import (
-    Asks,
-    Fetch,
+    Commit,
+    CommitLog,
+    CommitQuery,
+    Forwards,
     FreeMessage,
-    Look,
-    Moved,
-    Passes,
-    Repeat,
-    Rest,
-    Shows,
-    Tail,
-    Tells,
+    Halted,
+    Replies,
+    Requests,
+    RetransmitRange,
+    TileQuery,
+    TileUpdate,
     Turns,
     decode_free,
     free_key,
@@ -43,10 +43,10 @@ ASKS_MAX = 12
 
 
 @dataclass(slots=True)
-class _Birth:
+class _Incarnation:
     """What has come of a sender since it was born."""
 
-    birth: int
+    incarnation: int
     upto: int = 0
     """All messages up to this number have come, or were given up."""
     beyond: set[int] = field(default_factory=set)
@@ -77,33 +77,33 @@ class _Birth:
 
 
 class SequenceTracker:
-    """What has come of all senders; of those that were born again only the last birth counts."""
+    """The messages received from each sender in its last incarnation."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
-        self._births: dict[str, _Birth] = {}
+        self._incarnations: dict[str, _Incarnation] = {}
 
     def take(self, message: FreeMessage) -> None:
         """Take note of a message."""
-        said = getattr(message, "said", 0)
-        birth = getattr(message, "birth", 0)
+        said = getattr(message, "sequence", 0)
+        incarnation = getattr(message, "incarnation", 0)
         if not said:
             return
         sender = free_sender(message)
-        known = self._births.get(sender)
-        if known is None or known.birth < birth:
-            known = self._births[sender] = _Birth(birth)
-        if known.birth == birth:
-            known.take(said, own=not isinstance(message, Rest | Tail))
+        known = self._incarnations.get(sender)
+        if known is None or known.incarnation < incarnation:
+            known = self._incarnations[sender] = _Incarnation(incarnation)
+        if known.incarnation == incarnation:
+            known.take(said, own=not isinstance(message, Halted | CommitLog))
 
     @property
     def lacking(self) -> int:
         """Return how many messages are known to be missing and were not given up."""
-        return sum(known.lacking for known in self._births.values())
+        return sum(known.lacking for known in self._incarnations.values())
 
-    def asks(self) -> Iterator[Repeat]:
+    def asks(self) -> Iterator[RetransmitRange]:
         """Yield what to ask of whom; what does not come after many times is given up."""
-        for sender, known in sorted(self._births.items()):
+        for sender, known in sorted(self._incarnations.items()):
             lacking = known.lacking
             if not lacking:
                 continue
@@ -113,7 +113,7 @@ class SequenceTracker:
                 known.give_up()
             elif known.asks > 1:  # what has just been said may be on its way
                 before = min(known.beyond, default=known.last + 1)
-                yield Repeat(sender, known.birth, known.upto, before - 1)
+                yield RetransmitRange(sender, known.incarnation, known.upto, before - 1)
 
 
 LOOK_S = 0.25
@@ -134,7 +134,7 @@ class Collector(Node):
         """The greatest level heard of."""
         self.moves = 0
         """How many moves and exchanges were heard of; some may come twice."""
-        self.tails: dict[int, Tail] = {}
+        self.tails: dict[int, CommitLog] = {}
         """The last answer of each keeper, since these were last cleared."""
         self.resting: set[int] = set()
         """Processes that have answered the last order to halt."""
@@ -164,10 +164,10 @@ class Collector(Node):
         more: list[Effect] = []
         self._heard.take(message)
         match message:
-            case Moved():
+            case Commit():
                 self._quiet = 0
                 self._heard_of(message)
-            case Tail():
+            case CommitLog():
                 for moved in message.parts:
                     self._heard_of(moved)
                 self.tails[message.keeper] = message
@@ -175,7 +175,7 @@ class Collector(Node):
                     self._unanswered[message.keeper] = 0
                 if message.parts and message.parts[-1].serial < message.serial:
                     more = self._fetch(message.keeper, message.parts[-1].serial)
-            case Rest(process=process, order=order):
+            case Halted(process=process, order=order):
                 if order == self._order.round:  # an answer to an earlier one may come late
                     self.resting.add(process)
             case _:
@@ -194,17 +194,17 @@ class Collector(Node):
 
     def _check_speaker(self, message: _Said) -> None:
         """Check that a process speaks for its own modules; or RefusedError."""
-        if not isinstance(message, Asks | Turns | Rest):
+        if not isinstance(message, Requests | Turns | Halted):
             return
         process = message.process
         if process >= len(self._modules_of):
             raise RefusedError("foreign", f"this run has no process_{process}")
-        for part in () if isinstance(message, Rest) else message.parts:
-            module = None if isinstance(part, Look) else part.module
+        for part in () if isinstance(message, Halted) else message.parts:
+            module = None if isinstance(part, TileQuery) else part.module
             if module is not None and module not in self._modules_of[process]:
                 raise RefusedError("foreign", f"module_{module} is not in process_{process}")
 
-    def _heard_of(self, moved: Moved) -> None:
+    def _heard_of(self, moved: Commit) -> None:
         self.moves += 1
         self.level = max(self.level, moved.level)
 
@@ -238,7 +238,7 @@ class Collector(Node):
 
     def _fetch(self, keeper: int, serial: int) -> list[Effect]:
         self._unanswered[keeper] += 1
-        return self.say(Fetch(keeper, serial))
+        return self.say(CommitQuery(keeper, serial))
 
     def halt(self) -> list[Effect]:
         """Tell all modules to halt, and their processes to say when they rest."""
@@ -257,7 +257,7 @@ class Collector(Node):
         """Give the last order once more."""
         return self.say(self._order)
 
-    def say(self, message: Fetch | Repeat | Go) -> list[Effect]:
+    def say(self, message: CommitQuery | RetransmitRange | Go) -> list[Effect]:
         """Return how a message of the coordinator is put."""
         return [Put(free_key(self._run, message), encode(message))]
 
@@ -278,7 +278,7 @@ class Collector(Node):
         )
 
 
-_Said: TypeAlias = Asks | Passes | Tells | Shows | Moved | Turns | Rest | Tail
+_Said: TypeAlias = Requests | Forwards | Replies | TileUpdate | Commit | Turns | Halted | CommitLog
 
 
 def _read(run: str, key: str, data: bytes) -> _Said:
@@ -291,7 +291,9 @@ def _read(run: str, key: str, data: bytes) -> _Said:
     if key != free_key(run, message):
         where, due = topic_in_key(key), topic_in_key(free_key(run, message))
         raise RefusedError("wrong key", f"{free_kind(message)} put on {where}, expected {due}")
-    if isinstance(message, Asks | Passes | Tells | Shows | Moved | Turns | Rest | Tail):
+    if isinstance(
+        message, Requests | Forwards | Replies | TileUpdate | Commit | Turns | Halted | CommitLog
+    ):
         return message
     raise RefusedError("out of place", f"{free_kind(message)} is the coordinator's own")
 

@@ -39,7 +39,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "max_rounds": int,
     "keepers": int,
 }
-_GATHERED_FROM = ("reports", "moved", "tail")
+_GATHERED_FROM = ("reports", "commit", "commits")
 """The kinds of messages that tell of moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
@@ -182,9 +182,9 @@ def _refused(recording: Recording) -> list[dict[str, Any]]:
     for message in _decoded(recording, "refused"):
         if isinstance(message, Refused):
             told = found.setdefault(
-                (message.who, message.reason),
-                {"who": message.who, "reason": message.reason, "count": 0}
-                | {"round": message.round, "key": message.key, "why": message.why},
+                (message.sender, message.reason),
+                {"who": message.sender, "reason": message.reason, "count": 0}
+                | {"round": message.round, "key": message.key, "why": message.detail},
             )
             told["count"] += message.count
     return [found[key] for key in sorted(found)]

@@ -232,7 +232,7 @@ class FreeDriver(Driver[FreeFleet]):
             self.writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
             )
-            if record.kind in ("moved", "tail", "turns"):
+            if record.kind in ("commit", "commits", "turns"):
                 message = decode_free(record.data)
                 self._gatherer.take(message)
                 self._level = max(self._level, level_of(message))

@@ -27,7 +27,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Tail, Turns
+from cubepath.protocol.wire.free_messages import Commit, CommitLog, FreeMessage, Turns
 from cubepath.protocol.wire.keys import Tiles
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _encode = msgspec.json.Encoder().encode
 
 
-def named(moved: Moved) -> str:
+def named(moved: Commit) -> str:
     """Return the name of a commit in error messages."""
     return f"commit {moved.serial} of keeper_{moved.keeper} (module_{moved.module})"
 
@@ -51,7 +51,7 @@ class Commits:
         self.told = 0
         """How many there are at least."""
 
-    def is_new(self, moved: Moved) -> bool:
+    def is_new(self, moved: Commit) -> bool:
         """Take note of a commit; CheckError if another came under its number."""
         if moved.serial < 1:
             raise CheckError(f"{named(moved)}: commits count from 1")
@@ -95,7 +95,7 @@ class FreeGatherer(Gathered):
     """Gathers commits into the edge path; each is passed to `watch` as it is released."""
 
     def __init__(
-        self, scene: Scene, keepers: int, watch: Callable[[Moved], None] | None = None
+        self, scene: Scene, keepers: int, watch: Callable[[Commit], None] | None = None
     ) -> None:
         """Begin at the start of the scene, whose units so many keepers have."""
         self.scene = scene
@@ -107,8 +107,8 @@ class FreeGatherer(Gathered):
         self._units: dict[Site, _Unit] = {}
         self._module_versions = [0] * len(scene.start)
         self._commits = [Commits() for _ in range(keepers)]
-        self._tails: dict[int, Tail] = {}
-        self._waiting: dict[_Awaited, list[Moved]] = {}
+        self._tails: dict[int, CommitLog] = {}
+        self._waiting: dict[_Awaited, list[Commit]] = {}
         self._given_up: dict[int, str] = {}
         self._raw = EdgePath(scene)
         self._levels = array("i")
@@ -239,9 +239,9 @@ class FreeGatherer(Gathered):
     def take(self, message: FreeMessage) -> None:
         """Take a message that belongs on record; CheckError as for `receive`."""
         match message:
-            case Moved():
+            case Commit():
                 self.receive(message)
-            case Tail():
+            case CommitLog():
                 self.tail(message)
             case Turns(parts=turns):
                 for turn in turns:
@@ -250,7 +250,7 @@ class FreeGatherer(Gathered):
             case _:
                 pass
 
-    def tail(self, tail: Tail) -> None:
+    def tail(self, tail: CommitLog) -> None:
         """Take what a keeper says of all its commits."""
         commits = self._of_keeper(tail.keeper)
         for moved in tail.parts:
@@ -261,7 +261,7 @@ class FreeGatherer(Gathered):
             commits.told = tail.serial
             self._tails[tail.keeper] = tail
 
-    def receive(self, moved: Moved) -> None:
+    def receive(self, moved: Commit) -> None:
         """Take a commit; CheckError if two contradict each other, or if it cannot be."""
         if not self._of_keeper(moved.keeper).is_new(moved):
             return
@@ -285,7 +285,7 @@ class FreeGatherer(Gathered):
     def _unit(self, unit: Site) -> _Unit:
         return self._units.get(unit, _UNTOUCHED)
 
-    def _awaited(self, moved: Moved) -> _Awaited | None:
+    def _awaited(self, moved: Commit) -> _Awaited | None:
         """Return what must change before a commit can be released, None if nothing."""
         for value, version in moved.read:
             unit = site_from_json(value)
@@ -317,7 +317,7 @@ class FreeGatherer(Gathered):
                 return "unit", unit
         return self._awaited_module(moved)
 
-    def _awaited_module(self, moved: Moved) -> _Awaited | None:
+    def _awaited_module(self, moved: Commit) -> _Awaited | None:
         for module, version, counts in _module_versions(moved):
             if module >= len(self.sites):
                 raise CheckError(f"{named(moved)}: no module_{module} in this run")
@@ -330,7 +330,7 @@ class FreeGatherer(Gathered):
                 )
         return None
 
-    def _release(self, moved: Moved) -> list[Moved]:
+    def _release(self, moved: Commit) -> list[Commit]:
         """Carry out a commit; return those that may be ready now."""
         changed: list[_Awaited] = []
         if moved.generator is None:
@@ -350,7 +350,7 @@ class FreeGatherer(Gathered):
             self._watch(moved)
         return [each for key in changed for each in self._waiting.pop(key, ())]
 
-    def _move(self, moved: Moved) -> Move:
+    def _move(self, moved: Commit) -> Move:
         """Return the move of a commit; CheckError if the catalogue or the state has another."""
         mover, source, *_ = moved.motion[0] if moved.motion else (moved.module, None, None, 0)
         at = site_from_json(moved.at)
@@ -377,7 +377,7 @@ class FreeGatherer(Gathered):
             raise CheckError(f"{named(moved)}: it reads or writes other units than its move does")
         return move
 
-    def _carry_out(self, moved: Moved, move: Move) -> None:
+    def _carry_out(self, moved: Commit, move: Move) -> None:
         reads = [self._units.setdefault(site_from_json(unit), _Unit()) for unit, _ in moved.read]
         writes = [
             self._units.setdefault(site_from_json(unit), _Unit()) for unit, *_ in moved.written
@@ -402,7 +402,7 @@ class FreeGatherer(Gathered):
         self._levels.append(level)
         self._top = max(self._top, level)
 
-    def _check_registers(self, moved: Moved) -> None:
+    def _check_registers(self, moved: Commit) -> None:
         """Check where the modules of registers stand, as far as nothing has moved them since."""
         for place, module, version, _ in moved.notes:
             if self._module_versions[module] == version:
@@ -417,7 +417,7 @@ class FreeGatherer(Gathered):
 _UNTOUCHED = _Unit()
 
 
-def _module_versions(moved: Moved) -> Iterator[tuple[int, int, bool]]:
+def _module_versions(moved: Commit) -> Iterator[tuple[int, int, bool]]:
     """Yield the modules of a commit with their versions, and whether it counts for them."""
     carried = {module: version for module, _, _, version in moved.motion}
     yield from ((module, version, True) for module, version in carried.items())

@@ -31,15 +31,15 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import (
+    Bundle,
     Claim,
     Executed,
-    Here,
     Message,
     Part,
+    Presence,
     Ready,
     Report,
     Reports,
-    Said,
     Verdict,
     kind_of,
 )
@@ -105,10 +105,10 @@ class Plausibility:
         That a process is `ready` is checked when all that it said in the phase was. What it said
         must be all that was due, and once all are through, verdicts and reports must agree.
         """
-        if isinstance(message, Said | Ready) and message.phase != self._phase:
+        if isinstance(message, Bundle | Ready) and message.phase != self._phase:
             self._begin_phase(message.phase)
         match message:
-            case Said():
+            case Bundle():
                 self._check_said(message)
                 self._take_said(message)
             case Reports(parts=reports):
@@ -125,7 +125,7 @@ class Plausibility:
 
     # What is said.
 
-    def _check_said(self, said: Said) -> None:
+    def _check_said(self, said: Bundle) -> None:
         if said.process in self._through:
             refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
         if not said.parts:
@@ -164,7 +164,7 @@ class Plausibility:
         if {_encode(place) for place in verdict.to} != {_encode(place) for place in due}:
             refuse("impossible", f"{name}: it goes to others than those who wait for it")
 
-    def _take_said(self, said: Said) -> None:
+    def _take_said(self, said: Bundle) -> None:
         self._counts.setdefault(said.process, Counter())[said.region] += 1
         for part in said.parts:
             key = type(part), part.module
@@ -187,7 +187,7 @@ class Plausibility:
         """Return the regions that a part goes to."""
         if isinstance(part, Verdict):
             return frozenset(self._system.region(site_from_json(place)) for place in part.to)
-        return self._regions_from(part.module, sensed=type(part) is Here)
+        return self._regions_from(part.module, sensed=type(part) is Presence)
 
     def _regions_from(self, module: int, *, sensed: bool) -> frozenset[str]:
         """Return the regions that a module speaks to in this round."""
@@ -211,7 +211,7 @@ class Plausibility:
     def _check_through(self, ready: Ready) -> None:
         process = ready.process
         said = self._counts.get(process, Counter())
-        if said != Counter(ready.said):  # a count of zero is none
+        if said != Counter(ready.sent):  # a count of zero is none
             refuse("contradicts", f"process_{process} counts other messages than it said")
         for module in self._modules_of[process]:
             for kind in KINDS_IN[ready.phase]:
@@ -225,7 +225,7 @@ class Plausibility:
 
     def _check_silent(self, kind: type[Part], module: int) -> None:
         """Check that nobody waits for what a module does not say."""
-        if kind is Here and self._regions_from(module, sensed=True):
+        if kind is Presence and self._regions_from(module, sensed=True):
             refuse("contradicts", f"module_{module} does not say that it is here")
         if kind is Verdict and module in self._claims and self._waiting_for(module):
             refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
@@ -368,7 +368,7 @@ class Plausibility:
                     after[standing[source]] = target
 
 
-def _to(part: Part, said: Said) -> str:
+def _to(part: Part, said: Bundle) -> str:
     return f"{kind_of(part)} of module_{part.module} to {said.region}"
 
 

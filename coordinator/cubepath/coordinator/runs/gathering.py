@@ -15,7 +15,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
 
-_NEEDED = {"lockstep": ("reports",), "free": ("moved", "turns", "tail")}
+_NEEDED = {"lockstep": ("reports",), "free": ("commit", "turns", "commits")}
 """The kinds of messages from which a run is gathered."""
 
 
@@ -116,7 +116,7 @@ def _lockstep(recording: Recording) -> Gatherer:
 
 def _free(recording: Recording) -> FreeGatherer:
     gatherer = FreeGatherer(recording.scene, keepers_in(recording))
-    for record in recording.of_kind("moved", "tail", "turns"):
+    for record in recording.of_kind("commit", "commits", "turns"):
         where = f"{recording.path}: message {record.sequence} ({record.topic})"
         try:
             gatherer.take(decode_free(record.data))

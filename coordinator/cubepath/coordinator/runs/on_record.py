@@ -28,7 +28,16 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import process_name
-from cubepath.protocol.wire.messages import Acts, Claim, Note, Part, Ready, Report, Verdict, kind_of
+from cubepath.protocol.wire.messages import (
+    ChosenActions,
+    Claim,
+    Note,
+    Part,
+    Ready,
+    Report,
+    Verdict,
+    kind_of,
+)
 
 Words: TypeAlias = dict[tuple[str, int], Part | Report]
 """What modules said and reported in a round, by kind and module."""
@@ -71,7 +80,7 @@ def on_record(recording: Recording) -> RecordedDecisions:
     words: list[Words] = [{} for _ in range(found.rounds + 1)]
     own: set[str] = set()
     own_modules: set[int] = set()
-    for logged in recording.messages((*_KINDS, "ready", "acts")):
+    for logged in recording.messages((*_KINDS, "ready", "actions")):
         match logged.message:
             case Note() | Claim() | Verdict() | Report() as part:
                 if 1 <= part.round <= len(words):
@@ -80,7 +89,7 @@ def on_record(recording: Recording) -> RecordedDecisions:
                     own_modules.add(part.module)
             case Ready(phase="join", process=process, rule=str()):
                 own.add(process_name(process))
-            case Acts():
+            case ChosenActions():
                 raise InputError(
                     f"{recording.path}: its modules were driven from outside, expected a rule"
                 )

@@ -29,7 +29,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 MAX_ROUNDS = 1000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
-_SAID = ("ready", "said", "reports", "again", "waiting")
+_SAID = ("ready", "bundle", "reports", "retransmit", "waiting")
 """The kinds of messages that each process may send."""
 _SAID_HERE = ("go", "refused", "edges", "cube", "certificate", "summary")
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 from cubepath.agents.free.config import ON_CRASH
-from cubepath.agents.free.fleet import BIRTHS, LogsInfo, log_of, read_births
+from cubepath.agents.free.fleet import INCARNATIONS, LogsInfo, log_of, read_incarnations
 from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.keepers.journal import (
     Acknowledged,
@@ -45,19 +45,24 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
     Attempt,
+    Commit,
+    CommitLog,
     Decision,
     Entered,
     FreeMessage,
-    Moved,
-    Tail,
-    Tells,
+    Replies,
     decode_free,
 )
 from cubepath.protocol.wire.keys import Tiles
-from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
 
 _Number: TypeAlias = tuple[int, ...]
-_COMMIT, _PREPARED, _DECIDED, _OPENED = "commit", "prepared attempt", "decided attempt", "birth"
+_COMMIT, _PREPARED, _DECIDED, _OPENED = (
+    "commit",
+    "prepared attempt",
+    "decided attempt",
+    "incarnation",
+)
 
 
 class _Key(NamedTuple):
@@ -84,8 +89,8 @@ class _Known:
     def record(self, keeper: int, record: Record | Opened, where: Path) -> None:
         """Take note of a record in the log of a keeper, and of what it says of other logs."""
         match record:
-            case Opened(birth=birth):
-                self._has[_Key(keeper, _OPENED)] = (birth,)
+            case Opened(incarnation=incarnation):
+                self._has[_Key(keeper, _OPENED)] = (incarnation,)
             case Prepared(passed=passed):
                 attempt = passed.attempt
                 self._log(_Key(keeper, _PREPARED, attempt.module), attempt.epoch, attempt.number)
@@ -105,14 +110,14 @@ class _Known:
     def message(self, message: FreeMessage, where: Path) -> None:
         """Take note of what a message on record says of the logs."""
         match message:
-            case Moved():
+            case Commit():
                 self._moved(message, where)
-            case Tail(keeper=keeper, serial=serial, birth=birth):
+            case CommitLog(keeper=keeper, serial=serial, incarnation=incarnation):
                 self._tell(_Key(keeper, _COMMIT), (serial,), where)
-                self._tell(_Key(keeper, _OPENED), (birth,), where)
+                self._tell(_Key(keeper, _OPENED), (incarnation,), where)
                 for moved in message.parts:
                     self._moved(moved, where)
-            case Tells(parts=parts):
+            case Replies(parts=parts):
                 for part in parts:
                     if isinstance(part, Entered):
                         self._acted(part.occupant.module, part.occupant.epoch, where)
@@ -134,9 +139,9 @@ class _Known:
         self._acted(attempt.module, attempt.epoch, where)
 
     def _committed(self, decision: Decision, where: Path) -> _Number:
-        return () if decision.moved is None else self._moved(decision.moved, where)
+        return () if decision.commit is None else self._moved(decision.commit, where)
 
-    def _moved(self, moved: Moved, where: Path) -> _Number:
+    def _moved(self, moved: Commit, where: Path) -> _Number:
         if moved.keeper >= len(self._commits):
             raise InputError(f"{where}: has a commit of keeper_{moved.keeper}, which the run lacks")
         try:
@@ -158,13 +163,17 @@ class _Known:
         if number[-1] and number > self._told.get(key, ((), where))[0]:
             self._told[key] = number, where
 
-    def check(self, births: LogsInfo) -> None:
-        """Check that the logs, and their births, have what must be there; InputError if not."""
-        for key, (birth, *_) in self._has.items():
-            if key.what == _OPENED and birth >= births.birth + BIRTHS_OF_A_FLEET:
+    def check(self, incarnations: LogsInfo) -> None:
+        """Check that the logs and their incarnations are complete; InputError if not."""
+        for key, (incarnation, *_) in self._has.items():
+            if (
+                key.what == _OPENED
+                and incarnation >= incarnations.incarnation + INCARNATIONS_OF_A_FLEET
+            ):
                 raise InputError(
-                    f"{self._folder / BIRTHS}: the birth is {births.birth}, expected a later"
-                    f" one, as {log_of(self._folder, key.keeper)} was opened in birth {birth}:"
+                    f"{self._folder / INCARNATIONS}: the incarnation is"
+                    f" {incarnations.incarnation}, expected a later one, as"
+                    f" {log_of(self._folder, key.keeper)} was opened in incarnation {incarnation}:"
                     " it is older"
                 )
         for key, (number, where) in self._told.items():
@@ -189,13 +198,15 @@ def _text(number: _Number) -> str:
 
 def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
     """Check that no log of a keeper lacks what others know of it; InputError if one does."""
-    births = read_births(folder) or LogsInfo("", 0)  # without births there are no logs
+    incarnations = read_incarnations(folder) or LogsInfo(
+        "", 0
+    )  # without incarnations there are no logs
     known = _Known(folder, recording.scene, keepers)
     for keeper in range(keepers):
         path = log_of(folder, keeper)
         try:
             with path.open("rb") as file:
-                for line in read_log(path, file, births.run, keeper):
+                for line in read_log(path, file, incarnations.run, keeper):
                     known.record(keeper, line.record, path)
         except FileNotFoundError:
             continue  # its keeper may never have been started
@@ -203,9 +214,9 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
             raise InputError(
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
-    for record in recording.of_kind("moved", "tail", "tell"):
+    for record in recording.of_kind("commit", "commits", "replies"):
         known.message(decode_free(record.data), recording.path)
-    known.check(births)
+    known.check(incarnations)
 
 
 _LOCK = "lock"

@@ -19,18 +19,18 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
+    Commit,
+    CommitLog,
     Decision,
     Entered,
+    Forwards,
     FreeMessage,
     Held,
-    Moved,
-    Passes,
-    Shown,
-    Shows,
-    Tail,
-    Tells,
+    PlaceState,
+    Replies,
+    Requests,
+    TileUpdate,
     Turn,
     Turns,
 )
@@ -67,7 +67,7 @@ class FreeState:
         self.version: dict[int, int] = dict.fromkeys(self.site, 0)
         self.note: dict[int, Register] = dict.fromkeys(self.site, ())
         self.epoch: dict[int, int] = dict.fromkeys(self.site, 0)
-        self.birth: dict[int, int] = dict.fromkeys(self.site, 0)
+        self.incarnation: dict[int, int] = dict.fromkeys(self.site, 0)
         self.places: dict[Site, int] = {}
         """How many moves have written a place."""
         self.units: dict[Site, tuple[int, int, int, int]] = {}
@@ -106,14 +106,16 @@ class FreeState:
         site = None if module is None else self.site[module]
         return site if self.system.labels is not None or site == unit else None
 
-    def born(self, module: int, birth: int) -> None:
+    def born(self, module: int, incarnation: int) -> None:
         """Begin a module's next epoch."""
-        if birth <= self.birth[module]:
-            raise OracleError("birth", f"module_{module} is born again with birth {birth}")
-        self.birth[module] = birth
+        if incarnation <= self.incarnation[module]:
+            raise OracleError(
+                "incarnation", f"module_{module} is born again with incarnation {incarnation}"
+            )
+        self.incarnation[module] = incarnation
         self.epoch[module] += 1
 
-    def commit(self, attempt: Attempt, moved: Moved) -> None:
+    def commit(self, attempt: Attempt, moved: Commit) -> None:
         """Check a commit against everything before it, and carry it out."""
         module = attempt.module
         who = f"attempt {attempt.number} of module_{module} in epoch {attempt.epoch}"
@@ -148,7 +150,7 @@ class FreeState:
                 return move
         raise OracleError("admissible", f"{who}: there is no {attempt.generator} at {at!r}")
 
-    def _touch(self, attempt: Attempt, moved: Moved, move: Move, who: str) -> None:
+    def _touch(self, attempt: Attempt, moved: Commit, move: Move, who: str) -> None:
         system, action = self.system, move.action
         labels = system.labels is not None
 
@@ -179,7 +181,7 @@ class FreeState:
         for place in writes if labels else {system.place_of(site) for site in writes}:
             self.places[place] = self.places.get(place, 0) + 1
 
-    def _change(self, attempt: Attempt, moved: Moved, move: Move | None, who: str) -> None:
+    def _change(self, attempt: Attempt, moved: Commit, move: Move | None, who: str) -> None:
         """Move what is taken along, and write registers; what is said of both must agree."""
         place_of = self.system.place_of
         written = {
@@ -246,7 +248,7 @@ class Oracle:
     def __init__(self, scene: Scene, keepers: int) -> None:
         """Begin at the start of the scene."""
         self.state = FreeState(scene)
-        self.commits: dict[int, list[Moved]] = {keeper: [] for keeper in range(keepers)}
+        self.commits: dict[int, list[Commit]] = {keeper: [] for keeper in range(keepers)}
         self._tiles = Tiles(scene.system, keepers)
         self._asked: dict[Name, Attempt] = {}
         self._committed: dict[Name, Decision] = {}
@@ -270,8 +272,8 @@ class Oracle:
                 case JoinedRecord(enter=enter):
                     at = self.state.system.place_of(self.state.site[enter.module])
                     what = f"keeper of module_{enter.module}, which enters"
-                    same("birth", what, keeper, self._tiles.keeper_of(at))
-                    self.state.born(enter.module, enter.birth)
+                    same("incarnation", what, keeper, self._tiles.keeper_of(at))
+                    self.state.born(enter.module, enter.incarnation)
                 case _:
                     pass
 
@@ -282,7 +284,7 @@ class Oracle:
             raise OracleError("again", f"{_what(name)} is prepared after it was committed")
 
     def _commit(self, keeper: int, attempt: Attempt, decision: Decision) -> None:
-        name, moved = _name(attempt), decision.moved
+        name, moved = _name(attempt), decision.commit
         self._current(attempt)
         if name in self._refused:
             why = next(iter(self._refused[name].values()))
@@ -301,22 +303,22 @@ class Oracle:
 
     def _decide(self, keeper: int, decision: Decision) -> None:
         name = _name(decision)
-        if decision.moved is not None:
+        if decision.commit is not None:
             same("decided", f"{_what(name)}", decision, self._committed.get(name))
             self._learned.setdefault(name, set()).add(keeper)
         elif name in self._committed:
             raise OracleError(
-                "refused", f"{_what(name)} was committed, and is refused: {decision.why}"
+                "refused", f"{_what(name)} was committed, and is refused: {decision.reason}"
             )
         else:
-            self._refused.setdefault(name, {})[keeper] = decision.why
+            self._refused.setdefault(name, {})[keeper] = decision.reason
 
     # What is said.
 
     def said(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
         """Take what is put on the wire."""
         match message:
-            case Asks(parts=parts):
+            case Requests(parts=parts):
                 for part in parts:
                     if isinstance(part, Attempt):
                         asked = self._asked.setdefault(_name(part), part)
@@ -324,22 +326,22 @@ class Oracle:
             case Turns(parts=turns):
                 for turn in turns:
                     self._turn(turn)
-            case Tells():
+            case Replies():
                 self._told(message)
-            case Passes(to=to, parts=passed):
+            case Forwards(to=to, parts=passed):
                 for said in passed:
                     if isinstance(said, Decision):
                         self._passed(to, said)
-            case Shows():
+            case TileUpdate():
                 self._shown(message.parts)
-            case Moved(keeper=keeper, serial=serial):
+            case Commit(keeper=keeper, serial=serial):
                 same("moved", f"commit {serial}", message, self.commits[keeper][serial - 1])
-            case Tail():
+            case CommitLog():
                 self._tail(message)
             case _:
                 pass
 
-    def _told(self, tells: Tells) -> None:
+    def _told(self, tells: Replies) -> None:
         for part in tells.parts:
             match part:
                 case Entered():
@@ -368,10 +370,16 @@ class Oracle:
         same(
             "entered",
             f"what module_{module} is told",
-            (site_from_json(entered.site), held.birth, held.epoch, held.version, tuple(held.note)),
+            (
+                site_from_json(entered.site),
+                held.incarnation,
+                held.epoch,
+                held.version,
+                tuple(held.note),
+            ),
             (
                 state.site[module],
-                state.birth[module],
+                state.incarnation[module],
                 state.epoch[module],
                 state.version[module],
                 state.note[module],
@@ -381,25 +389,27 @@ class Oracle:
     def _decision(self, keeper: int, decision: Decision) -> None:
         """Check what a module is told against what was logged; of a dead epoch it may be less."""
         name = _name(decision)
-        if decision.moved is not None:
+        if decision.commit is not None:
             same("told", _what(name), decision, self._committed.get(name))
         elif decision.epoch < self.state.epoch[decision.module]:
             pass
         elif keeper in self._refused.get(name, {}):
-            same("told", _what(name), decision.why, self._refused[name][keeper])
+            same("told", _what(name), decision.reason, self._refused[name][keeper])
         else:
-            why = f"{_what(name)} is told by keeper_{keeper} to be refused: {decision.why}"
+            why = f"{_what(name)} is told by keeper_{keeper} to be refused: {decision.reason}"
             raise OracleError("told", f"{why}; its log does not say so")
 
     def _passed(self, keeper: int, decision: Decision) -> None:
         """Check what a keeper is told; who knows better takes no note."""
         name = _name(decision)
-        if decision.moved is not None:
+        if decision.commit is not None:
             same("passed", _what(name), decision, self._committed.get(name))
         elif name in self._committed and keeper not in self._learned.get(name, ()):
-            raise OracleError("passed", f"{_what(name)} was committed, and is passed on as refused")
+            raise OracleError(
+                "forwarded", f"{_what(name)} was committed, and is passed on as refused"
+            )
 
-    def _shown(self, parts: Iterable[Shown]) -> None:
+    def _shown(self, parts: Iterable[PlaceState]) -> None:
         for part in parts:
             place = site_from_json(part.place)
             found = self.state.shown.get((place, part.version, part.module_version))
@@ -410,18 +420,18 @@ class Oracle:
                 "shown", f"what is shown of {place!r}", (site, part.module, tuple(part.note)), found
             )
 
-    def _tail(self, tail: Tail) -> None:
+    def _tail(self, tail: CommitLog) -> None:
         mine = self.commits[tail.keeper]
         last = tail.serial
         if last > len(mine):
             raise OracleError(
-                "tail", f"keeper_{tail.keeper} tells of {last} commits, {len(mine)} are logged"
+                "commits", f"keeper_{tail.keeper} tells of {last} commits, {len(mine)} are logged"
             )
         if tail.parts:
             first = tail.parts[0].serial
             same("tail", "commits", tail.parts, mine[first - 1 : first - 1 + len(tail.parts)])
 
-    def unlike(self, tail: Tail) -> str | None:
+    def unlike(self, tail: CommitLog) -> str | None:
         """Return how what a keeper tells of its units differs from what they are, if it does."""
         place_of, tiles = self.state.system.place_of, self._tiles
         labels = self.state.system.labels is not None
@@ -437,5 +447,5 @@ class Oracle:
         return f"{what}, expected {len(self.commits[tail.keeper])} and {expected!r}"
 
 
-def _name_of(moved: Moved) -> tuple[int, int, int, int]:
+def _name_of(moved: Commit) -> tuple[int, int, int, int]:
     return moved.module, moved.epoch, moved.number, moved.turn

@@ -40,14 +40,14 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
-    Enter,
-    Fetch,
+    Commit,
+    CommitLog,
+    CommitQuery,
+    EnterRequest,
     Hold,
-    Look,
-    Moved,
-    Tail,
+    Requests,
+    TileQuery,
     decode_free,
     free_key,
 )
@@ -63,21 +63,21 @@ class SimulatedJournal:
         """Begin empty; `wrote` is called for each record."""
         self._wrote = wrote
         self._records: list[Record] = []
-        self._commits: list[Moved] = []
+        self._commits: list[Commit] = []
         self._looked = 0
 
     def append(self, record: Record) -> None:
         """Add a record."""
         self._records.append(record)
         self._wrote()
-        if isinstance(record, Committed) and record.decision.moved is not None:
-            self._commits.append(record.decision.moved)
+        if isinstance(record, Committed) and record.decision.commit is not None:
+            self._commits.append(record.decision.commit)
 
     def records(self) -> Iterator[Record]:
         """Yield all records, in their order."""
         return iter(tuple(self._records))
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
         return self._commits[serial - 1]
 
@@ -134,7 +134,7 @@ class SimulatedFile(SimulatedJournal):
             raise CheckError(f"{self._file.path}: {len(found)} records are not those written")
         return iter(found)
 
-    def commit(self, serial: int) -> Moved:
+    def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
         return self._file.commit(serial)
 
@@ -148,7 +148,7 @@ class SimulatedFile(SimulatedJournal):
     def again(self) -> SimulatedJournal:
         """Open the file again, for the next keeper."""
         self.close()
-        self._opened = replace(self._opened, birth=self._opened.birth + 1)
+        self._opened = replace(self._opened, incarnation=self._opened.incarnation + 1)
         self._file = FileJournal(self._file.path, self._opened)
         return self
 
@@ -165,7 +165,7 @@ class Watch:
 
     def __init__(self, run: str, keepers: int) -> None:
         """Begin without any."""
-        self.tails: dict[int, Tail] = {}
+        self.tails: dict[int, CommitLog] = {}
         """By keeper its last answer that has all of its commits."""
         self._run = run
         self._known = dict.fromkeys(range(keepers), 0)
@@ -173,12 +173,12 @@ class Watch:
 
     def start(self) -> list[Effect]:
         """Listen to the keepers."""
-        return [Listen((f"cubepath/{self._run}/tail/**",)), Timer(FETCH_S)]
+        return [Listen((f"cubepath/{self._run}/commits/**",)), Timer(FETCH_S)]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take what keepers have committed."""
         tail = decode_free(data)
-        if isinstance(tail, Tail) and key == free_key(self._run, tail):
+        if isinstance(tail, CommitLog) and key == free_key(self._run, tail):
             known = self._known[tail.keeper]
             if tail.parts and tail.parts[0].serial <= known + 1:
                 known = self._known[tail.keeper] = max(known, tail.parts[-1].serial)
@@ -189,7 +189,7 @@ class Watch:
     def tick(self) -> list[Effect]:
         """Fetch what is new."""
         self.ticks += 1
-        fetches = [Fetch(keeper, serial) for keeper, serial in self._known.items()]
+        fetches = [CommitQuery(keeper, serial) for keeper, serial in self._known.items()]
         puts = [Put(free_key(self._run, fetch), encode(fetch)) for fetch in fetches]
         return [*puts, Timer(FETCH_S)]
 
@@ -222,7 +222,7 @@ class FreeSimulatedRun:
     seconds: float
     """The virtual time that it took."""
     came_to: FreeOutcome
-    commits: tuple[Moved, ...]
+    commits: tuple[Commit, ...]
     """What was committed, keeper by keeper."""
     messages: int
     """How many messages were put on the wire."""
@@ -307,7 +307,7 @@ class _Run:
             FaultsForAWhile(faults, lambda: self.phase != "faults"), fault_seed, trace
         )
         self._modules_of = dealt(self.scene, scenario.processes)
-        self._births = [0] * scenario.processes
+        self._incarnations = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}
         self._hosts: dict[str, FreeHostNode] = {}
         self._written: list[int] = []
@@ -351,7 +351,7 @@ class _Run:
 
     def _host(self, process: int, name: str) -> Node:
         scenario = self.scenario
-        self._births[process] += 1
+        self._incarnations[process] += 1
         factors = scenario.factors
         config = FreeProcessConfig(
             endpoint="",
@@ -359,7 +359,7 @@ class _Run:
             process=process,
             modules=self._modules_of[process],
             keepers=scenario.keepers,
-            birth=self._births[process],
+            incarnation=self._incarnations[process],
             scene="",
             rule=scenario.rule,
             seed=scenario.seed,
@@ -398,12 +398,12 @@ class _Run:
         self.messages += 1
         self._log()
         message = decode_free(put.data)
-        if self.phase == "rest" and isinstance(message, Asks):
-            parts: list[Attempt | Enter | Hold | Look] = [
+        if self.phase == "rest" and isinstance(message, Requests):
+            parts: list[Attempt | EnterRequest | Hold | TileQuery] = [
                 part for part in message.parts if not isinstance(part, Attempt)
             ]
             if len(parts) < len(message.parts):
-                return Put(put.key, encode(Asks(message.process, message.keeper, parts)))
+                return Put(put.key, encode(Requests(message.process, message.keeper, parts)))
         self.oracle.said(message)
         return put
 

@@ -20,16 +20,16 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import (
-    Again,
+    Bundle,
     Claim,
-    Here,
     Message,
     Note,
     Part,
+    Presence,
     Ready,
     Report,
     Reports,
-    Said,
+    Retransmit,
     Verdict,
     decode,
     encode,
@@ -120,9 +120,9 @@ class Liar:
             return message
         counts = {
             region: count - self._silent[message.round, message.phase, region]
-            for region, count in message.said.items()
+            for region, count in message.sent.items()
         }
-        return replace(message, said={region: n for region, n in counts.items() if n})
+        return replace(message, sent={region: n for region, n in counts.items() if n})
 
     def _puts(self, *messages: Message) -> list[Put]:
         return [Put(key_of(self._run, each), encode(each)) for each in messages]
@@ -145,30 +145,30 @@ class Liar:
 
     def _flood(self, message: Message, random: Random) -> list[Put]:
         found = [Put(f"{self._puts(message)[0].key}", random.randbytes(9)) for _ in range(3)]
-        if isinstance(message, Said):
+        if isinstance(message, Bundle):
             more = [replace(message, number=random.randrange(1 << 20)) for _ in range(_FLOOD)]
             return [*found, *self._puts(*more)]
         if isinstance(message, Ready):
-            again = Again(message.round, message.process, "sense", "0")
+            again = Retransmit(message.round, message.process, "sense", "0")
             return [*found, *self._puts(*[again] * _FLOOD)]
         return [*found, *self._puts(*[message] * _FLOOD)]
 
     def _other(self, kind: str, message: Message, random: Random) -> list[Message] | None:
         match message:
-            case Said():
+            case Bundle():
                 return self._other_said(kind, message, random)
             case Reports(parts=parts):
                 place = random.randrange(len(parts))
                 other = self._other_report(kind, parts[place], random)
                 return [replace(message, parts=_with(parts, place, other))]
-            case Ready(said=said) if kind == "lie-count":
+            case Ready(sent=said) if kind == "lie-count":
                 region = random.choice([*said, "0"])
                 count = max(0, said.get(region, 0) + random.choice((-1, 1, 2)))
-                return [replace(message, said={**said, region: count})]
+                return [replace(message, sent={**said, region: count})]
             case _:
                 return None
 
-    def _other_said(self, kind: str, said: Said, random: Random) -> list[Message] | None:
+    def _other_said(self, kind: str, said: Bundle, random: Random) -> list[Message] | None:
         if kind == "lie-silence":
             self._silent[said.round, said.phase, said.region] += 1
             return []
@@ -188,7 +188,7 @@ class Liar:
             case Claim(), "lie-claim":
                 move = self._move(part.site, random)
                 return replace(part, generator=move.generator, at=move.at)
-            case Here(), "lie-claim":  # before its time
+            case Presence(), "lie-claim":  # before its time
                 move = self._move(part.site, random)
                 return Claim(part.round, part.module, part.site, move.generator, move.at)
             case Verdict(granted=granted, to=to), "lie-verdict":
@@ -210,9 +210,9 @@ class Liar:
             case "lie-other":
                 return replace(report, module=random.randrange(len(self._scene.start)))
             case "lie-heard":
-                kinds = [*report.heard, "here", "claim"]
-                heard = {**report.heard, random.choice(kinds): [random.randrange(3)]}
-                return replace(report, heard=heard)
+                kinds = [*report.received, "presence", "claim"]
+                heard = {**report.received, random.choice(kinds): [random.randrange(3)]}
+                return replace(report, received=heard)
             case "lie-report":
                 return self._other_move(report, random)
             case _:
@@ -247,7 +247,12 @@ class Liar:
         return next((move.target for move in named if move.at == placed.at), site)
 
 
-_ABOUT = {"here": "lie-claim", "note": "lie-note", "claim": "lie-claim", "verdict": "lie-verdict"}
+_ABOUT = {
+    "presence": "lie-claim",
+    "note": "lie-note",
+    "claim": "lie-claim",
+    "verdict": "lie-verdict",
+}
 """The lie that there is about a kind of part alone; instead of where it is a module may claim."""
 
 
@@ -255,7 +260,7 @@ def possible_lies(message: Message) -> Sequence[str]:
     """Return the kinds of lies that there are about a message."""
     anything = ("lie-withhold", "lie-double", "lie-old", "lie-flood")
     match message:
-        case Said(parts=parts):
+        case Bundle(parts=parts):
             about = ["lie-site", "lie-other", "lie-part", "lie-silence"]
             about += sorted({_ABOUT[kind_of(part)] for part in parts})
             return (*anything, *about)

@@ -399,8 +399,8 @@ class _Run:
             message = decode(record.data) if record.kind == "refused" else None
             if not isinstance(message, Refused) or message.reason in _OF_THE_WIRE:
                 continue
-            if message.who not in self._lied:
-                return Failure("accused", f"{message.who}, which was honest: {message.why}")
+            if message.sender not in self._lied:
+                return Failure("accused", f"{message.sender}, which was honest: {message.detail}")
         return None
 
     def _verified(self) -> Failure | None:

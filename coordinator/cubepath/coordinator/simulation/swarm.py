@@ -55,8 +55,8 @@ from cubepath.coordinator.simulation.simulated import (
 )
 from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.writing import RecordingWriter
-from cubepath.protocol.wire.free_messages import Asks, Passes, Tells, decode_free, free_kind
-from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
+from cubepath.protocol.wire.free_messages import Forwards, Replies, Requests, decode_free, free_kind
+from cubepath.protocol.wire.messages import Bundle, Go, Ready, Retransmit, Waiting, decode, kind_of
 
 _RUNS_MAX = 250
 """How many runs are tried in all."""
@@ -275,9 +275,9 @@ def label(data: bytes) -> str:
     except CubepathError:
         return "no message"
     match message:
-        case Go() | Ready() | Again() | Waiting():
+        case Go() | Ready() | Retransmit() | Waiting():
             return f"{kind_of(message)} {message.round} {message.phase}"
-        case Said():
+        case Bundle():
             kinds = Counter(kind_of(part) for part in message.parts)
             told = ", ".join(kind if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
             return f"{told} to {message.region}"
@@ -332,7 +332,7 @@ class FreeSwarm:
     def label(self, data: bytes) -> str:
         """Return in a few words what a message is, for a picture."""
         message = decode_free(data)
-        if isinstance(message, Asks | Passes | Tells):
+        if isinstance(message, Requests | Forwards | Replies):
             kinds = Counter(part.__struct_config__.tag for part in message.parts)
             return ", ".join(f"{kind}" if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
         return free_kind(message)

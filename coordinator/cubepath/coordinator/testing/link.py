@@ -271,7 +271,7 @@ class LinkProxy:
 
     >>> with LinkProxy("process_0", endpoint, credentials) as link:   # doctest: +SKIP
     ...     start_the_process_at(link.endpoint)
-    ...     link.add(Rule(action="drop", pattern=Pattern(kind="said"), times=3))
+    ...     link.add(Rule(action="drop", pattern=Pattern(kind="bundle"), times=3))
     """
 
     def __init__(self, name: str, endpoint: str, credentials: Credentials = GUEST) -> None:

@@ -440,9 +440,9 @@ def _came_of(attempt: Attempt, decision: Decision | None) -> ClaimOutcome:
     result: Result = "unknown"
     level, why = None, ""
     if decision is not None:
-        result = "lost" if decision.moved is None else "granted"
-        level = None if decision.moved is None else decision.moved.level
-        why = decision.why
+        result = "lost" if decision.commit is None else "granted"
+        level = None if decision.commit is None else decision.commit.level
+        why = decision.reason
     name = attempt.generator or ""
     return ClaimOutcome(level, attempt.module, name, attempt.at, result, why)
 

@@ -16,35 +16,35 @@ from typing import Any
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
-    Asks,
-    Fetch,
+    CommitQuery,
+    Forwarded,
+    Forwards,
     FreeMessage,
-    Passed,
-    Passes,
-    Repeat,
-    Shows,
-    Tells,
+    Replies,
+    Requests,
+    RetransmitRange,
+    TileUpdate,
     decode_free,
     level_of,
 )
 from cubepath.protocol.wire.keys import topic_in_key
 from cubepath.protocol.wire.messages import (
     KINDS,
+    Bundle,
     Message,
     NoMessageError,
-    Said,
     decode,
     kind_of,
     parts_of,
 )
 
-_PHASES = {"reports": "settle", "observations": "observe", "acts": "observe"}
+_PHASES = {"reports": "settle", "observations": "observe", "actions": "observe"}
 """The phases of the kinds that do not name theirs."""
 RESULTS = ("edges", "cube", "certificate", "summary")
 """What the coordinator finds at the end, which nobody said."""
 PARTS = (
-    *("attempt", "enter", "hold", "look", "passed", "decision", "inquiry", "settled"),
-    *("shown", "entered", "held", "turn"),
+    *("attempt", "enter", "hold", "tile_query", "forwarded", "decision", "inquiry", "settled"),
+    *("place", "entered", "held", "turn"),
 )
 """The kinds of parts, in runs without rounds."""
 KNOWN = frozenset((*KINDS, *FREE_KINDS, *PARTS))
@@ -89,15 +89,15 @@ class WireMessage:
     def to(self) -> str:
         """To whom it is put: a process, a keeper, a region or a tile; empty if to everyone."""
         match self.message:
-            case Said(region=region):
+            case Bundle(region=region):
                 return region
-            case Asks(keeper=keeper) | Passes(to=keeper) | Fetch(keeper=keeper):
+            case Requests(keeper=keeper) | Forwards(to=keeper) | CommitQuery(keeper=keeper):
                 return keeper_name(keeper)
-            case Tells(process=process):
+            case Replies(process=process):
                 return process_name(process)
-            case Shows(tile=tile):
+            case TileUpdate(tile=tile):
                 return tile
-            case Repeat(to=name):
+            case RetransmitRange(to=name):
                 return name
             case _:
                 topic = topic_in_key(self.key).split("/")
@@ -131,7 +131,7 @@ class WireMessage:
 
     def _parts(self) -> Iterator[tuple[str, int | None]]:
         for part in self.contents:
-            about: Any = part.attempt if isinstance(part, Passed) else part
+            about: Any = part.attempt if isinstance(part, Forwarded) else part
             module = getattr(about, "module", None)
             yield str(part.__struct_config__.tag), module if isinstance(module, int) else None
 
@@ -155,7 +155,7 @@ class WireMessage:
 def _more_of(message: Any) -> str:
     """Return what the only part of a message says beyond its kind and module."""
     (part,) = getattr(message, "parts", (message,))
-    about = getattr(part, "attempt", None) or getattr(part, "moved", None) or part
+    about = getattr(part, "attempt", None) or getattr(part, "commit", None) or part
     found = []
     if getattr(about, "generator", None) is not None:
         found.append(f"{about.generator} at {about.at}")
@@ -164,7 +164,7 @@ def _more_of(message: Any) -> str:
         found.append("granted" if granted else "lost")
     if isinstance(getattr(part, "claim", None), str):
         found.append(part.claim)
-    if getattr(part, "moved", part) is None:
+    if getattr(part, "commit", part) is None:
         found.append(f"refused: {part.why}")
     told = {name: getattr(part, name, None) for name in ("reason", "ended")}
     found += [f"{name} {what}" for name, what in told.items() if what is not None]

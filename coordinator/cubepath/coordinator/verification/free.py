@@ -45,12 +45,12 @@ from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
-    Asks,
+    CommitLog,
+    Forwards,
     FreeMessage,
-    Passes,
-    Shows,
-    Tail,
-    Tells,
+    Replies,
+    Requests,
+    TileUpdate,
     Turns,
     decode_free,
 )
@@ -73,8 +73,8 @@ FREE_CHECKS = {
     "attempts": "each commit answers an attempt, and what that sensed was there at its versions",
     "registers": "registers were as sensed, and became what was asked",
     "decisions": "what keepers say of an attempt, to each other and to modules, is what came of it",
-    "entries": "a module acts in the epoch in which it entered, and epochs grow with births",
-    "shown": "what was shown at a version was there",
+    "entries": "a module acts in the epoch in which it entered, and epochs grow with incarnations",
+    "place": "what was shown at a version was there",
     "tails": "keepers count the commits and the versions that are on record",
     "turns": "rules were shown what had been shown, and attempts are what they chose",
     "choices": "each module chose as its rule does, with the seed's randomness",
@@ -216,17 +216,17 @@ class _Checks(NamedTuple):
         match message:
             case Turns():
                 self.turns.turns(message)
-            case Asks():
+            case Requests():
                 self.attempts.asked(message)
                 self.shown.looks(record, message)
-            case Tells():
+            case Replies():
                 self.attempts.told(record, message)
                 self.shown.held(record, message)
-            case Passes():
+            case Forwards():
                 self.attempts.told(record, message)
-            case Shows():
+            case TileUpdate():
                 self.shown.shows(record, message)
-            case Tail():
+            case CommitLog():
                 self.tails.tail(record, message)
             case _:
                 pass

@@ -3,7 +3,7 @@
 Part of `cubepath verify`. What was sensed is compared with the history at the versions at which it
 was committed.
 
-Whether modules act in epochs in which they entered, and epochs grow with births.
+Whether modules act in epochs in which they entered, and epochs grow with incarnations.
 
 Part of `cubepath verify`.
 """
@@ -29,25 +29,25 @@ from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
-    Asks,
     Attempt,
+    Commit,
     Decision,
     Entered,
+    Forwarded,
+    Forwards,
     Held,
     Inquiry,
-    Moved,
     Occupant,
-    Passed,
-    Passes,
     Register,
+    Replies,
+    Requests,
     Settled,
-    Tells,
 )
 from cubepath.protocol.wire.keys import Tiles
 
 
 class Incarnations:
-    """The births and epochs of modules, as keepers tell of them."""
+    """The incarnations and epochs of modules, as keepers tell of them."""
 
     def __init__(
         self, transcript: FreeTranscript, tiles: Tiles, system: System, fail: Fail
@@ -55,8 +55,8 @@ class Incarnations:
         """Begin with nothing told."""
         self._said, self._losses = transcript, transcript.losses
         self._tiles, self._place_of, self._fail = tiles, system.place_of, fail
-        self._births: dict[int, dict[int, int]] = {}
-        """By module the epoch of each birth."""
+        self._incarnations: dict[int, dict[int, int]] = {}
+        """By module the epoch of each incarnation."""
 
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
         self._losses.lack(self._fail, check, why, excused=excused)
@@ -64,15 +64,18 @@ class Incarnations:
     def answered(self, said: KeeperPart, entered: Entered) -> None:
         """Check the answer to a module that asked where it stands."""
         occupant = entered.occupant
-        if (occupant.module, entered.birth) not in self._said.entered:
+        if (occupant.module, entered.incarnation) not in self._said.entered:
             self._lack(
                 "entries",
                 f"{said.where}: module_{occupant.module} did not ask where it is",
                 excused=self._losses.of_module(occupant.module)
                 or self._losses.before(occupant.module, occupant.epoch),
             )
-        if occupant.birth != entered.birth:
-            self._fail("entries", f"{said.where}: birth {occupant.birth} is not the one answered")
+        if occupant.incarnation != entered.incarnation:
+            self._fail(
+                "entries",
+                f"{said.where}: incarnation {occupant.incarnation} is not the one answered",
+            )
         site = site_in(entered.site)
         processes = self._said.asked_by.get(occupant.module, ())
         if said.to not in processes:
@@ -85,29 +88,31 @@ class Incarnations:
             self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
 
     def take(self, where: Record, occupant: Occupant) -> None:
-        """Take note of the epoch of a birth."""
-        known = self._births.setdefault(occupant.module, {0: 0})
-        if known.setdefault(occupant.birth, occupant.epoch) != occupant.epoch:
-            name = f"birth {occupant.birth} of module_{occupant.module}"
+        """Take note of the epoch of an incarnation."""
+        known = self._incarnations.setdefault(occupant.module, {0: 0})
+        if known.setdefault(occupant.incarnation, occupant.epoch) != occupant.epoch:
+            name = f"incarnation {occupant.incarnation} of module_{occupant.module}"
             self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
 
     def check(self) -> None:
-        """Check all births that were told of, and the epochs of all attempts."""
-        for module, known in sorted(self._births.items()):
-            births = sorted(known)
-            epochs = [known[birth] for birth in births]
+        """Check all incarnations that were told of, and the epochs of all attempts."""
+        for module, known in sorted(self._incarnations.items()):
+            incarnations = sorted(known)
+            epochs = [known[incarnation] for incarnation in incarnations]
             if sorted(set(epochs)) != epochs:
-                self._fail("entries", f"module_{module}: its epochs do not grow with its births")
-            for birth in births:
-                if birth and (module, birth) not in self._said.entered:
+                self._fail(
+                    "entries", f"module_{module}: its epochs do not grow with its incarnations"
+                )
+            for incarnation in incarnations:
+                if incarnation and (module, incarnation) not in self._said.entered:
                     self._lack(
                         "entries",
-                        f"module_{module} has birth {birth}, for which it did not ask",
+                        f"module_{module} has incarnation {incarnation}, for which it did not ask",
                         excused=self._losses.of_module(module)
-                        or self._losses.before(module, known[birth]),
+                        or self._losses.before(module, known[incarnation]),
                     )
         for name in self._said.attempts:
-            if name[1] not in self._births.get(name[0], {}).values():
+            if name[1] not in self._incarnations.get(name[0], {}).values():
                 self._lack(
                     "entries",
                     f"{attempt_text(name)}: it never entered so",
@@ -132,7 +137,7 @@ class Attempts:
         """Find which attempts were committed."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
-        self._births = Incarnations(transcript, tiles, history.system, fail)
+        self._incarnations = Incarnations(transcript, tiles, history.system, fail)
         self._known = transcript.attempts
         self._committed = array("i")
         """By attempt its commit, -1 if it has none."""
@@ -160,7 +165,7 @@ class Attempts:
             self._committed.extend([-1] * more)
             self._seen.extend([0] * more)
 
-    def asked(self, message: Asks) -> None:
+    def asked(self, message: Requests) -> None:
         """Check what was committed of the attempts that were asked of a keeper."""
         for part in message.parts:
             if isinstance(part, Attempt):
@@ -191,25 +196,25 @@ class Attempts:
                 self._seen[place] = _GIVEN_UP
         self._fail.position = ()
 
-    def _commits_of(self, place: int) -> Iterator[tuple[int, Moved]]:
+    def _commits_of(self, place: int) -> Iterator[tuple[int, Commit]]:
         first = self._committed[place]
         for number in [first, *self._again.get(place, ())] if first >= 0 else ():
             yield number, self._history.commits[number]
 
-    def told(self, where: Record, message: Passes | Tells) -> None:
+    def told(self, where: Record, message: Forwards | Replies) -> None:
         """Check what a keeper says of attempts."""
-        to = message.process if isinstance(message, Tells) else message.to
+        to = message.process if isinstance(message, Replies) else message.to
         for part in message.parts:
-            if isinstance(part, Passed):
+            if isinstance(part, Forwarded):
                 place = self._known.place(name_of(part.attempt))
                 if self._known.is_believed(place):
                     self._answered(place, part.attempt)
             if not isinstance(part, Held):
-                said = KeeperPart(where, message.keeper, to, part, isinstance(message, Tells))
+                said = KeeperPart(where, message.keeper, to, part, isinstance(message, Replies))
                 self._guarded(where, "decisions", self._check_said, said)
 
     def end(self) -> None:
-        """Check that all commits were asked for, and all births."""
+        """Check that all commits were asked for, and all incarnations."""
         for number, place in enumerate(self._places):
             if not self._seen[place]:
                 moved = self._history.commits[number]
@@ -220,7 +225,7 @@ class Attempts:
                     excused=self._unasked(name_of(moved)),
                 )
         self._fail.position = ()
-        self._births.check()
+        self._incarnations.check()
 
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
         self._losses.lack(self._fail, check, why, excused=excused)
@@ -233,7 +238,7 @@ class Attempts:
         by_tail = number >= 0 and not self._said.commits.announced(number)
         return by_tail or self._losses.of_attempt(name)
 
-    def _committed_as(self, place: int) -> Moved | None:
+    def _committed_as(self, place: int) -> Commit | None:
         number = self._committed[place]
         return None if number < 0 else self._history.commits[number]
 
@@ -249,7 +254,7 @@ class Attempts:
 
     # Commits.
 
-    def _check_commit(self, moved: Moved, attempt: Attempt) -> None:
+    def _check_commit(self, moved: Commit, attempt: Attempt) -> None:
         name = commit_text(moved)
         for key in ("turn", "generator", "at"):
             if getattr(moved, key) != getattr(attempt, key):
@@ -267,7 +272,7 @@ class Attempts:
         if moved.keeper != chain[-1]:
             self._fail("attempts", f"{name}: the last keeper of its chain is keeper_{chain[-1]}")
 
-    def _before(self, moved: Moved, module: int) -> ModuleVersion | None:
+    def _before(self, moved: Commit, module: int) -> ModuleVersion | None:
         """Return a module as a commit found it."""
         version = changed_by(moved).get(module)
         if version is not None:
@@ -275,7 +280,7 @@ class Attempts:
         held = next((v for _, each, v, _ in moved.notes if each == module), None)
         return None if held is None else self._history.module(module, held)
 
-    def _check_sensed(self, moved: Moved, attempt: Attempt) -> None:
+    def _check_sensed(self, moved: Commit, attempt: Attempt) -> None:
         name = commit_text(moved)
         found = {site_in(unit): version for unit, version in (*moved.read, *moved.guarded)}
         found |= {site_in(unit): version for unit, version, _ in moved.written}
@@ -300,7 +305,7 @@ class Attempts:
             if found.get(unit) != version or (unit in counted and counted[unit] != reads):
                 self._fail("attempts", f"{name} did not wait for what its attempt names")
 
-    def _check_registers(self, moved: Moved, attempt: Attempt) -> None:
+    def _check_registers(self, moved: Commit, attempt: Attempt) -> None:
         name = commit_text(moved)
         here: dict[Site | None, tuple[ModuleVersion | None, Register | None]] = {}
         for place, module, version, content in moved.notes:
@@ -336,7 +341,7 @@ class Attempts:
         if isinstance(part, Entered):
             self._check_entered(said, part)
             return
-        name = name_of(part.attempt if isinstance(part, Passed) else part)
+        name = name_of(part.attempt if isinstance(part, Forwarded) else part)
         place = self._known.get(name)
         if place is None:
             why = f"{said.where}: no {attempt_text(name)} is on record"
@@ -353,7 +358,7 @@ class Attempts:
         if said.keeper not in chain:
             self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
         match part:
-            case Passed():
+            case Forwarded():
                 self._check_passed(said, part, place, chain)
             case Decision():
                 self._check_decision(said, part, name, place)
@@ -369,7 +374,7 @@ class Attempts:
         self, said: KeeperPart, decision: Decision, name: AttemptId, place: int
     ) -> None:
         moved = self._committed_as(place)
-        if decision.moved is None:
+        if decision.commit is None:
             # Who has acknowledged a commit does not ask; a question that was under way is answered
             # by one who has forgotten it.
             if moved is not None and (name, said.to) not in self._said.acknowledged:
@@ -379,14 +384,16 @@ class Attempts:
                     excused=self._losses.of_keepers([said.to])
                     or self._losses.before(name[0], name[1]),
                 )
-            if not decision.why or decision.occupants:
+            if not decision.reason or decision.occupants:
                 self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
             return
-        if moved is None or decision.moved != moved or decision.why:
+        if moved is None or decision.commit != moved or decision.reason:
             self._lack(
                 "decisions",
                 f"{said.where}: {attempt_text(name)} came to something else",
-                excused=moved is None and not decision.why and self._said.after_the_end(decision),
+                excused=moved is None
+                and not decision.reason
+                and self._said.after_the_end(decision),
             )
             return
         changed = changed_by(moved)
@@ -399,7 +406,9 @@ class Attempts:
                 self._fail("decisions", f"{said.where}: {name_of_it} has another version")
             self._check_occupant(said.where, site, occupant)
 
-    def _check_passed(self, said: KeeperPart, passed: Passed, place: int, chain: list[int]) -> None:
+    def _check_passed(
+        self, said: KeeperPart, passed: Forwarded, place: int, chain: list[int]
+    ) -> None:
         where, history, attempt = said.where, self._history, passed.attempt
         if not self._known.is_as(place, attempt):
             self._fail("decisions", f"{where}: another attempt than was made")
@@ -428,7 +437,7 @@ class Attempts:
                 self._fail("decisions", f"{where}: {value!r} never had version {version}")
         self._check_taken(where, passed, so_far)
 
-    def _check_taken(self, where: Record, passed: Passed, so_far: set[int]) -> None:
+    def _check_taken(self, where: Record, passed: Forwarded, so_far: set[int]) -> None:
         """Check the modules that are passed on, those of the motion and those of registers."""
         attempt, site = passed.attempt, site_in(passed.attempt.site)
         move = None
@@ -460,7 +469,7 @@ class Attempts:
         labelled = self._system.labels is not None
         return self._tiles.keeper_of(unit if labelled else self._system.place_of(unit))
 
-    def _level_of(self, passed: Passed, *, committed: bool) -> int | None:
+    def _level_of(self, passed: Forwarded, *, committed: bool) -> int | None:
         """Return the greatest level of what it depends on so far; None if a version never was."""
         history, found = self._history, [0]
         written = [(unit, version) for unit, version, _ in passed.written]
@@ -489,7 +498,7 @@ class Attempts:
             self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
         if occupant.number != self._number_at(occupant):
             self._fail("decisions", f"{where}: {name} has number {occupant.number}")
-        self._births.take(where, occupant)
+        self._incarnations.take(where, occupant)
 
     def _number_at(self, occupant: Occupant) -> int:
         """Return the module's last committed attempt of this epoch that changed it, up to then."""
@@ -497,11 +506,11 @@ class Attempts:
         return moved.number if moved is not None and moved.epoch == occupant.epoch else 0
 
     def _check_entered(self, said: KeeperPart, entered: Entered) -> None:
-        self._births.answered(said, entered)
+        self._incarnations.answered(said, entered)
         self._check_occupant(said.where, entered.site, entered.occupant)
 
 
-def name_of(part: Attempt | Decision | Moved | Inquiry | Settled) -> AttemptId:
+def name_of(part: Attempt | Decision | Commit | Inquiry | Settled) -> AttemptId:
     """Return which attempt this is, or is about."""
     return part.module, part.epoch, part.number
 

@@ -39,7 +39,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Json, Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import Moved, Register
+from cubepath.protocol.wire.free_messages import Commit, Register
 from cubepath.protocol.wire.messages import Executed, encode
 
 READ, GUARD = -2, -1
@@ -220,7 +220,7 @@ class _Versions:
 class History:
     """A run without rounds, derived; `fail` is called for each violation."""
 
-    def __init__(self, scene: Scene, commits: Sequence[Moved], fail: Fail) -> None:
+    def __init__(self, scene: Scene, commits: Sequence[Commit], fail: Fail) -> None:
         """Order the commits and carry them out."""
         self.scene, self.system = scene, scene.system
         self.commits = commits
@@ -310,7 +310,7 @@ class History:
             if each == module and note is not None
         )
 
-    def own_commit(self, module: int, version: int) -> Moved | None:
+    def own_commit(self, module: int, version: int) -> Commit | None:
         """Return the last commit of a module's own attempts that changed it, up to a version."""
         number = self._modules[module].own[version]
         return None if number < 0 else self.commits[number]
@@ -343,7 +343,7 @@ class History:
             )
         return found
 
-    def _sort(self, number: int, moved: Moved, units: UnitAccesses, modules: UnitAccesses) -> None:
+    def _sort(self, number: int, moved: Commit, units: UnitAccesses, modules: UnitAccesses) -> None:
         def add(value: Json, version: int, what: int) -> None:
             unit = unit_in(self.system, value)
             if unit is None:
@@ -438,7 +438,7 @@ class History:
                 own=number if moved.module == module else known.own[-1],
             )
 
-    def _move(self, number: int, moved: Moved) -> None:
+    def _move(self, number: int, moved: Commit) -> None:
         move = self._named(moved)
         if move is None:
             self._fail("units", f"{commit_text(moved)}: no module makes {moved.generator!r} so")
@@ -471,7 +471,7 @@ class History:
         ):
             column.append(value)
 
-    def _named(self, moved: Moved) -> Move | None:
+    def _named(self, moved: Commit) -> Move | None:
         """Return the move of a commit from where its module stands."""
         at = site_in(moved.at)
         if not 0 <= moved.module < len(self.sites) or at is None:
@@ -481,7 +481,7 @@ class History:
                 return move
         return None
 
-    def _check_motion(self, moved: Moved, move: Move) -> None:
+    def _check_motion(self, moved: Commit, move: Move) -> None:
         told = [(site_in(source), site_in(target)) for _, source, target, _ in moved.motion]
         if told != list(move.motion) or moved.motion[0][0] != moved.module:
             self._fail("sites", f"{commit_text(moved)}: its motion is not that of its move")

@@ -15,16 +15,16 @@ from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
-    Asks,
+    CommitLog,
     Entered,
     FreeMessage,
-    Look,
-    Rest,
-    Tail,
-    Tells,
+    Halted,
+    Replies,
+    Requests,
+    TileQuery,
     Turns,
 )
-from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
 
 _PROCESS = process_name(0)[:-1]
 
@@ -35,29 +35,29 @@ class Losses:
     def __init__(self) -> None:
         """Begin before the first message."""
         self._said: dict[tuple[str, int], NumberTable] = {}
-        """By sender and birth the hash of each message by its number."""
+        """By sender and incarnation the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}
-        """By sender and birth the greatest number that is told."""
+        """By sender and incarnation the greatest number that is told."""
         self._speakers: dict[int, set[int]] = {}
         """By module the processes that spoke for it."""
         self._entered: dict[tuple[int, int], int] = {}
-        """By module and epoch the birth in which it entered."""
+        """By module and epoch the incarnation in which it entered."""
         self._acted: dict[int, tuple[int, int]] = {}
-        """By process the birth and the number of the last message with which it did anything."""
+        """By process, incarnation and number of the last message with which it did anything."""
         self._rested: dict[int, tuple[int, int]] = {}
-        """By process the birth and the number at which it said last that it rests."""
+        """By process the incarnation and the number at which it said last that it rests."""
         self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
     def take(self, where: Record, message: FreeMessage, sender: str, fail: Fail) -> None:
         """Take note of the number of a message."""
         self._take_parts(message)
-        number = getattr(message, "said", 0)
+        number = getattr(message, "sequence", 0)
         if not number:
             return
-        key = sender, getattr(message, "birth", 0)
+        key = sender, getattr(message, "incarnation", 0)
         if number > self._last.get(key, 0):
             self._last[key] = number
-        if isinstance(message, Rest | Tail):
+        if isinstance(message, Halted | CommitLog):
             return
         # Only whether it is the same is asked, and that within one process: any hash will do.
         content = hash(where.data)
@@ -65,27 +65,30 @@ class Losses:
         if said is None:
             said = self._said[key] = NumberTable()
         if said.setdefault(number, content) != content:
-            name, birth = key
-            fail("messages", f"{where}: message {number} of {name} in birth {birth} was another")
+            name, incarnation = key
+            fail(
+                "messages",
+                f"{where}: message {number} of {name} in incarnation {incarnation} was another",
+            )
 
     def _take_parts(self, message: FreeMessage) -> None:
-        """Take note of who speaks for modules, of births in which they entered, and of rest."""
+        """Note the process of each module, the incarnation in which it entered, and who rests."""
         match message:
-            case Asks(process=process, parts=parts) | Turns(process=process, parts=parts):
-                modules = [part.module for part in parts if not isinstance(part, Look)]
+            case Requests(process=process, parts=parts) | Turns(process=process, parts=parts):
+                modules = [part.module for part in parts if not isinstance(part, TileQuery)]
                 for module in modules:
                     self._speakers.setdefault(module, set()).add(process)
                 if modules:
-                    at = message.birth, message.said
+                    at = message.incarnation, message.sequence
                     self._acted[process] = max(self._acted.get(process, at), at)
-            case Rest(process=process):
-                at = message.birth, message.said
+            case Halted(process=process):
+                at = message.incarnation, message.sequence
                 self._rested[process] = max(self._rested.get(process, at), at)
-            case Tells(parts=told):
+            case Replies(parts=told):
                 for each in told:
                     if isinstance(each, Entered):
                         occupant = each.occupant
-                        self._entered[occupant.module, occupant.epoch] = each.birth
+                        self._entered[occupant.module, occupant.epoch] = each.incarnation
             case _:
                 pass
 
@@ -129,9 +132,9 @@ class Losses:
         return sorted(self._acted)
 
     def at_rest(self, process: int) -> bool:
-        """Return whether a process says that it rests after all that it did, in its last birth.
+        """Return whether a process reported in its last incarnation that it rests after all it did.
 
-        If nothing is on record of what it said in that birth, this counts as missing.
+        If nothing is on record of that incarnation, this counts as missing.
         """
         acted, rested = self._acted.get(process, (-1, 0)), self._rested.get(process)
         if rested is None or rested < acted:
@@ -141,7 +144,7 @@ class Losses:
     def before(self, module: int, epoch: int) -> bool:
         """Return whether an epoch was one of a fleet before the last: its end may be cut off."""
         entered = self._entered.get((module, epoch), 0)
-        return entered // BIRTHS_OF_A_FLEET < self._fleet()
+        return entered // INCARNATIONS_OF_A_FLEET < self._fleet()
 
     @property
     def resumed(self) -> bool:
@@ -149,7 +152,10 @@ class Losses:
         return self._fleet() > 0
 
     def _fleet(self) -> int:
-        return max((birth for _, birth in self._last), default=0) // BIRTHS_OF_A_FLEET
+        return (
+            max((incarnation for _, incarnation in self._last), default=0)
+            // INCARNATIONS_OF_A_FLEET
+        )
 
     def lack(self, fail: Fail, check: str, why: str, *, excused: bool) -> None:
         """Take note of evidence that is not on record: a failure, unless that is `excused`."""

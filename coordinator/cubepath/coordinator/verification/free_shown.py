@@ -22,7 +22,15 @@ from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Asks, Held, Look, Shown, Shows, Tail, Tells
+from cubepath.protocol.wire.free_messages import (
+    CommitLog,
+    Held,
+    PlaceState,
+    Replies,
+    Requests,
+    TileQuery,
+    TileUpdate,
+)
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
 
@@ -43,15 +51,15 @@ class VisibilityCheck:
         """By tile the hash of what each change has shown."""
         self._serials = Serials()
 
-    def shows(self, where: Record, message: Shows) -> None:
+    def shows(self, where: Record, message: TileUpdate) -> None:
         """Check what is shown of a tile."""
         self._fail.position = 0, self._serials.begin(where, message)
         try:
             self._check(where, message)
         except NO_SITE as error:
-            self._fail("shown", f"{where}: {type(error).__name__}: {error}")
+            self._fail("place", f"{where}: {type(error).__name__}: {error}")
 
-    def held(self, where: Record, message: Tells) -> None:
+    def held(self, where: Record, message: Replies) -> None:
         """Check what a keeper holds."""
         for part in message.parts:
             if isinstance(part, Held):
@@ -59,15 +67,18 @@ class VisibilityCheck:
                 try:
                     self._check_held(where, message.keeper, part)
                 except NO_SITE as error:
-                    self._fail("shown", f"{where}: {type(error).__name__}: {error}")
+                    self._fail("place", f"{where}: {type(error).__name__}: {error}")
 
-    def looks(self, where: Record, message: Asks) -> None:
+    def looks(self, where: Record, message: Requests) -> None:
         """Check who is asked for tiles."""
         for part in message.parts:
-            if isinstance(part, Look) and self._tiles.keeper_of_tile(part.tile) != message.keeper:
+            if (
+                isinstance(part, TileQuery)
+                and self._tiles.keeper_of_tile(part.tile) != message.keeper
+            ):
                 self._fail.position = (2,)
                 why = f"keeper_{message.keeper} does not have tile {part.tile}"
-                self._fail("shown", f"{where}: {why}")
+                self._fail("place", f"{where}: {why}")
 
     def _check_held(self, where: Record, keeper: int, held: Held) -> None:
         """Check that what is held was asked for, and shows what was there."""
@@ -76,7 +87,7 @@ class VisibilityCheck:
         if not asked:
             self._losses.lack(
                 self._fail,
-                "shown",
+                "place",
                 f"{where}: what is held for module_{held.module} was not asked for",
                 excused=asked is None
                 and (
@@ -87,19 +98,19 @@ class VisibilityCheck:
         for part in held.parts:
             place = site_in(part.place)
             if place is None or not self._system.has_place(place):
-                self._fail("shown", f"{where}: {part.place!r} is no place")
+                self._fail("place", f"{where}: {part.place!r} is no place")
                 continue
             if self._tiles.keeper_of(place) != keeper:
-                self._fail("shown", f"{where}: keeper_{keeper} does not have {site_text(place)}")
+                self._fail("place", f"{where}: keeper_{keeper} does not have {site_text(place)}")
             self._check_part(where, place, part)
 
-    def _check(self, where: Record, message: Shows) -> None:
+    def _check(self, where: Record, message: TileUpdate) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
-            self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
+            self._fail("place", f"{where}: keeper_{message.keeper} does not have this tile")
         if message.whole and (message.keeper, message.tile) not in self._said.looks:
             self._losses.lack(
                 self._fail,
-                "shown",
+                "place",
                 f"{where}: nobody has asked for all of tile {message.tile}",
                 excused=self._losses.of_processes or self._losses.resumed,
             )
@@ -107,51 +118,51 @@ class VisibilityCheck:
             content = hash(encode(message.parts))
             known = self._changes.setdefault(message.tile, NumberTable())
             if known.setdefault(message.serial, content) != content:
-                self._fail("shown", f"{where}: change {message.serial} was another before")
+                self._fail("place", f"{where}: change {message.serial} was another before")
         if not message.parts and (message.serial or not message.whole):
-            self._fail("shown", f"{where}: change {message.serial} changes nothing")
+            self._fail("place", f"{where}: change {message.serial} changes nothing")
         seen = set()
         for part in message.parts:
             place = site_in(part.place)
             if place is None or not self._system.has_place(place) or place in seen:
-                self._fail("shown", f"{where}: {part.place!r} is no place, or shown twice")
+                self._fail("place", f"{where}: {part.place!r} is no place, or shown twice")
                 continue
             seen.add(place)
             if self._tiles.tile_of(place) != message.tile:
-                self._fail("shown", f"{where}: {site_text(place)} is not in tile {message.tile}")
+                self._fail("place", f"{where}: {site_text(place)} is not in tile {message.tile}")
             self._check_part(where, place, part)
             self._serials.take(place, part)
 
-    def _check_part(self, where: Record, place: Site, part: Shown) -> None:
+    def _check_part(self, where: Record, place: Site, part: PlaceState) -> None:
         there = self._history.at_place(place, part.version)
         name = f"{site_text(place)} at version {part.version}"
         if there is None:
-            self._fail("shown", f"{where}: there never was {name}")
+            self._fail("place", f"{where}: there never was {name}")
             return
         site = None if part.site is None else site_in(part.site)
         if (there.site, there.module) != (site, part.module):
-            self._fail("shown", f"{where}: {name} is shown as {part.site!r}")
+            self._fail("place", f"{where}: {name} is shown as {part.site!r}")
             return
         if part.module is None:
             if part.note or part.module_version:
-                self._fail("shown", f"{where}: {name} is empty, and has a register")
+                self._fail("place", f"{where}: {name} is empty, and has a register")
         else:
             standing = self._history.module(part.module, part.module_version)
             if standing is None or (standing.since, standing.note) != (there.since, part.note):
                 self._fail(
-                    "shown",
+                    "place",
                     f"{where}: {name} shows another register than module_{part.module} had at"
                     f" version {part.module_version}",
                 )
         self._check_reads(where, place, part)
 
-    def _check_reads(self, where: Record, place: Site, part: Shown) -> None:
+    def _check_reads(self, where: Record, place: Site, part: PlaceState) -> None:
         for value, version, reads in part.reads:
             unit = site_in(value)
             known = None if unit is None else self._history.reads.get(unit)
             most = None if known is None or version >= len(known) else known[version]
             if unit is None or self._unit_place(unit) != place or most is None or reads > most:
-                self._fail("shown", f"{where}: {value!r} at version {version}, read {reads} times")
+                self._fail("place", f"{where}: {value!r} at version {version}, read {reads} times")
 
     def _unit_place(self, unit: Site) -> Site:
         return unit if self._system.labels is not None else self._system.place_of(unit)
@@ -160,7 +171,7 @@ class VisibilityCheck:
         """Check what was shown of a place with other serial numbers."""
         for position, why in self._serials.wrong():
             self._fail.position = position
-            self._fail("shown", why)
+            self._fail("place", why)
 
 
 class Serials:
@@ -176,7 +187,7 @@ class Serials:
         self._parts = array("i"), array("i"), *(array("q") for _ in range(4))
         """Of each place shown its number, message, version, module or -1, its version, and hash."""
 
-    def begin(self, record: Record, message: Shows) -> int:
+    def begin(self, record: Record, message: TileUpdate) -> int:
         """Begin with a message; return how many were before it."""
         values = (
             self._tiles.setdefault(message.tile, len(self._tiles)),
@@ -188,7 +199,7 @@ class Serials:
             column.append(value)
         return len(self._messages[0]) - 1
 
-    def take(self, place: Site, part: Shown) -> None:
+    def take(self, place: Site, part: PlaceState) -> None:
         """Take what the message shows of a place."""
         places, messages, versions, modules, module_versions, hashes = self._parts
         places.append(self._places.setdefault(place, len(self._places)))
@@ -254,9 +265,9 @@ class Tails:
     ) -> None:
         """Know what was derived."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
-        self._last: dict[int, tuple[Record, Tail]] = {}
+        self._last: dict[int, tuple[Record, CommitLog]] = {}
 
-    def tail(self, where: Record, tail: Tail) -> None:
+    def tail(self, where: Record, tail: CommitLog) -> None:
         """Check what a keeper tells of all its commits."""
         found = len(self._said.commits.serials(tail.keeper))
         if tail.serial > found:
@@ -289,7 +300,7 @@ class Tails:
         return not odd
 
     def _at_the_end(
-        self, keeper: int, last: tuple[Record, Tail] | None, touched: set[Site | None]
+        self, keeper: int, last: tuple[Record, CommitLog] | None, touched: set[Site | None]
     ) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
@@ -328,7 +339,7 @@ class Tails:
         system = self._history.system
         return self._tiles.keeper_of(unit if system.labels is not None else system.place_of(unit))
 
-    def _other_units(self, where: Record, tail: Tail) -> Iterator[str]:
+    def _other_units(self, where: Record, tail: CommitLog) -> Iterator[str]:
         for value, version, _, reads, _ in tail.units:
             unit = site_in(value)
             known = None if unit is None else self._history.reads.get(unit)

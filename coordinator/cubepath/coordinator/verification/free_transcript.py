@@ -37,24 +37,24 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
-    Asks,
+    Commit,
+    CommitLog,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
+    Forwards,
     FreeMessage,
+    Halted,
     Held,
     Hold,
     Inquiry,
-    Look,
-    Moved,
-    Passed,
-    Passes,
-    Rest,
+    PlaceState,
+    Replies,
+    Requests,
     Settled,
-    Shown,
-    Shows,
-    Tail,
-    Tells,
+    TileQuery,
+    TileUpdate,
     Turn,
     Turns,
     decode_free,
@@ -85,7 +85,7 @@ class KeeperPart(NamedTuple):
     """The keeper that says it."""
     to: int
     """The keeper or the process that it is said to."""
-    part: Passed | Decision | Inquiry | Settled | Entered
+    part: Forwarded | Decision | Inquiry | Settled | Entered
     told: bool
     """Whether it is said to a process."""
 
@@ -106,7 +106,7 @@ class FreeTranscript:
     gave_up: set[str] = field(default_factory=set)
     """Which modules gave up, with their reasons."""
     entered: set[tuple[int, int]] = field(default_factory=set)
-    """The modules with their births that asked where they stand."""
+    """The modules with their incarnations that asked where they stand."""
     stands: dict[tuple[int, int], Site] = field(default_factory=dict)
     """Where a module was first told that it stands, by module and epoch."""
     holds: AskedHolds = field(default_factory=AskedHolds)
@@ -125,7 +125,7 @@ class FreeTranscript:
 
     def after_the_end(self, decision: Decision) -> bool:
         """Return whether a commit may have come too late for the record of a run that broke off."""
-        moved = decision.moved
+        moved = decision.commit
         if moved is None or not self.broken_off:
             return False
         return moved.serial > self.commits.serials(moved.keeper).last
@@ -194,8 +194,8 @@ class FreeReading:
 
     def _check_time(self, record: Record, message: FreeMessage) -> None:
         before = self._level
-        if isinstance(message, Moved | Tail):
-            told = message.parts if isinstance(message, Tail) else (message,)
+        if isinstance(message, Commit | CommitLog):
+            told = message.parts if isinstance(message, CommitLog) else (message,)
             self._level = max([before, *(moved.level for moved in told)])
         due = record.wall_ns if self._by_wall else self._level
         if self._whole and record.round != due:
@@ -215,10 +215,10 @@ class FreeReading:
                         self._fail(
                             "messages", f"{where}: {name} {value}, expected less than {most}"
                         )
-        if isinstance(message, Passes) and message.to == message.keeper:
+        if isinstance(message, Forwards) and message.to == message.keeper:
             self._fail("messages", f"{where} says something to itself")
-        if isinstance(message, Asks | Passes | Tells | Turns | Tail):
-            if not parts and not isinstance(message, Tail):
+        if isinstance(message, Requests | Forwards | Replies | Turns | CommitLog):
+            if not parts and not isinstance(message, CommitLog):
                 self._fail("messages", f"{where} is empty")
             if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
                 self._fail("messages", f"{where} holds a part twice")
@@ -238,7 +238,7 @@ class FreeReading:
         return False
 
     def _sort(self, where: Record, message: FreeMessage) -> None:
-        if isinstance(message, Moved):
+        if isinstance(message, Commit):
             self._moved(where, message, announced=True)
         elif isinstance(message, Turns):
             for turn in message.parts:
@@ -246,40 +246,42 @@ class FreeReading:
                     self._fail("turns", f"{where}: {turn_text(turn)} comes twice, and differs")
                 if turn.failed is not None:
                     self.found.gave_up.add(f"module_{turn.module}: {turn.failed}")
-        elif isinstance(message, Asks | Passes | Tells | Shows | Tail):
+        elif isinstance(message, Requests | Forwards | Replies | TileUpdate | CommitLog):
             self._sort_said(where, message)
-        elif not isinstance(message, Rest):
+        elif not isinstance(message, Halted):
             if isinstance(message, Cube | Certified):
                 self._check_level(where, message)
             self._result(message)
 
-    def _sort_said(self, where: Record, message: Asks | Passes | Tells | Shows | Tail) -> None:
+    def _sort_said(
+        self, where: Record, message: Requests | Forwards | Replies | TileUpdate | CommitLog
+    ) -> None:
         if not self._whole:
             self._told_early(where, message.parts)
         match message:
-            case Asks():
+            case Requests():
                 self._asked(where, message)
-            case Passes():
+            case Forwards():
                 self._passed(message)
-            case Tells():
+            case Replies():
                 self._told(message)
-            case Shows(parts=places):
+            case TileUpdate(parts=places):
                 self._shown(places, once=True)
-            case Tail(keeper=keeper, parts=commits):
+            case CommitLog(keeper=keeper, parts=commits):
                 for moved in commits:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
 
-    def _passed(self, message: Passes) -> None:
+    def _passed(self, message: Forwards) -> None:
         for part in message.parts:
-            if isinstance(part, Passed):
+            if isinstance(part, Forwarded):
                 self.found.attempts.take(part.attempt, asked=False)
             elif isinstance(part, Settled):
                 name = part.module, part.epoch, part.number
                 self.found.acknowledged.add((name, message.keeper))
 
-    def _told(self, message: Tells) -> None:
+    def _told(self, message: Replies) -> None:
         for part in message.parts:
             if isinstance(part, Held):
                 self._shown(part.parts)
@@ -288,7 +290,7 @@ class FreeReading:
                 if site is not None:
                     self.found.stands.setdefault((occupant.module, occupant.epoch), site)
 
-    def _shown(self, parts: Iterable[Shown], *, once: bool = False) -> None:
+    def _shown(self, parts: Iterable[PlaceState], *, once: bool = False) -> None:
         """Take note of the versions shown; `once` each place counts in a message."""
         seen: set[Site] = set()
         for part in parts:
@@ -308,26 +310,26 @@ class FreeReading:
     def _told_early(self, where: Record, parts: Iterable[object]) -> None:
         """Take commits from decisions, where the record ends before the commits themselves."""
         for part in parts:
-            if isinstance(part, Decision) and part.moved is not None:
-                self._moved(where, part.moved)
+            if isinstance(part, Decision) and part.commit is not None:
+                self._moved(where, part.commit)
 
-    def _asked(self, where: Record, message: Asks) -> None:
+    def _asked(self, where: Record, message: Requests) -> None:
         found = self.found
         for part in message.parts:
-            if isinstance(part, Look):
+            if isinstance(part, TileQuery):
                 found.looks.add((message.keeper, part.tile))
                 continue
             found.asked_by.setdefault(part.module, set()).add(message.process)
-            if isinstance(part, Enter):
-                found.entered.add((part.module, part.birth))
+            if isinstance(part, EnterRequest):
+                found.entered.add((part.module, part.incarnation))
             elif isinstance(part, Hold):
                 if not found.holds.take(message.keeper, part):
-                    self._fail("shown", f"{where}: hold {part.number} comes twice, and differs")
+                    self._fail("place", f"{where}: hold {part.number} comes twice, and differs")
             elif not found.attempts.take(part, asked=True):
                 name = attempt_text(attempt_name(part))
                 self._fail("attempts", f"{where}: {name} comes twice, and differs")
 
-    def _moved(self, where: Record, moved: Moved, *, announced: bool = False) -> None:
+    def _moved(self, where: Record, moved: Commit, *, announced: bool = False) -> None:
         if not self.found.commits.add(moved, announced=announced):
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{where}: {name} comes twice, and differs")
@@ -369,6 +371,6 @@ def turn_text(turn: Turn) -> str:
     return f"turn {turn.turn} of module_{turn.module} in epoch {turn.epoch}"
 
 
-def commit_text(moved: Moved) -> str:
+def commit_text(moved: Commit) -> str:
     """Return the name of a commit in error messages."""
     return f"commit {moved.serial} of keeper_{moved.keeper} (module_{moved.module})"

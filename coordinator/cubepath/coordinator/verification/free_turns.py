@@ -176,8 +176,8 @@ class TurnsOfModules:
             return None
         place = system.place_of(site)
         near = system.sensed(place)
-        reach = system.reach(place) if turn.heard else ()
-        if len(turn.sensed) != len(near) or len(turn.heard) != len(reach):
+        reach = system.reach(place) if turn.received else ()
+        if len(turn.sensed) != len(near) or len(turn.received) != len(reach):
             why = "it was shown other places than it senses"
             self._fail("turns", f"{turn_text(turn)}: {why}")
             return None
@@ -186,7 +186,7 @@ class TurnsOfModules:
             if not self._sees(turn, at, slot, version, on):
                 return None
         notes: dict[Site, Register] = {}
-        for heard, shown in zip(reach, turn.heard, strict=True):
+        for heard, shown in zip(reach, turn.received, strict=True):
             if not self._hears(turn, at, heard, shown, notes):
                 return None
 

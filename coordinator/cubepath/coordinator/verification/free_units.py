@@ -13,7 +13,7 @@ from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.free_messages import Moved
+from cubepath.protocol.wire.free_messages import Commit
 
 NO_SITE = (TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
 """What systems raise, beside `InputError`, for a value that is none of their sites."""
@@ -54,7 +54,7 @@ def units_of(system: System, action: Action) -> tuple[frozenset[Site], frozenset
     return units(action.support) - writes, writes
 
 
-def changed_by(moved: Moved) -> dict[int, int]:
+def changed_by(moved: Commit) -> dict[int, int]:
     """Return the modules that a commit moves or whose registers it writes, with their versions."""
     found = {module: version for module, _, _, version in moved.motion}
     for _, module, version, note in moved.notes:
@@ -63,7 +63,7 @@ def changed_by(moved: Moved) -> dict[int, int]:
     return found
 
 
-def held_by(moved: Moved) -> dict[int, int]:
+def held_by(moved: Commit) -> dict[int, int]:
     """Return the modules whose registers only had to hold, with their versions."""
     changed = changed_by(moved)
     return {module: version for _, module, version, _ in moved.notes if module not in changed}

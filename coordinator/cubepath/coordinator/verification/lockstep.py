@@ -38,7 +38,7 @@ CHECKS = {
     "pacing": "each phase begins once, in order, when all processes have said what they count",
     "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
     "reports": "each round has one report of each module",
-    "said": "modules say that they are here, and speak from where they stand",
+    "bundle": "modules say that they are here, and speak from where they stand",
     "admissible": "every move was admissible when it was made",
     "commuting": "the moves of a round commute pairwise",
     "sites": "modules stand where the moves have taken them",

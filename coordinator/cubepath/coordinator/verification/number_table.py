@@ -16,7 +16,7 @@ from typing import Any, TypeAlias, overload
 import msgspec
 from msgspec.structs import astuple, fields
 
-from cubepath.protocol.wire.free_messages import Moved
+from cubepath.protocol.wire.free_messages import Commit
 
 _NONE = -(1 << 63)
 _GAP = 64
@@ -134,11 +134,11 @@ class Names:
 _KEPT = 256
 """So many commits are kept as they were decoded: what is said of one stands close together."""
 _pack = msgspec.msgpack.Encoder().encode
-_row: Any = tuple[tuple(each.type for each in fields(Moved))]  # type: ignore[misc]  # by its fields
+_row: Any = tuple[tuple(each.type for each in fields(Commit))]  # type: ignore[misc]  # by its fields
 _unpack = msgspec.msgpack.Decoder(_row).decode
 
 
-class PackedCommits(Sequence[Moved]):
+class PackedCommits(Sequence[Commit]):
     """The commits by keeper, then by serial number; each is decoded when it is asked for."""
 
     def __init__(self) -> None:
@@ -146,13 +146,13 @@ class PackedCommits(Sequence[Moved]):
         self._keepers: dict[int, NumberTable] = {}
         """By keeper and serial number which of the commits it is, as they were taken."""
         self._data, self._ends = bytearray(), array("q", [0])
-        self._odd: dict[int, Moved] = {}
+        self._odd: dict[int, Commit] = {}
         """Those with numbers that cannot be packed, which only a wrong recording has."""
         self._announced = bytearray()
         self._order = array("q")
         self._taken = lru_cache(maxsize=_KEPT)(self._unpacked)
 
-    def add(self, moved: Moved, *, announced: bool) -> bool:
+    def add(self, moved: Commit, *, announced: bool) -> bool:
         """Take a commit; return whether it is the same as before, if it is known.
 
         A commit that a keeper does not announce came by a tail or a decision.
@@ -171,11 +171,11 @@ class PackedCommits(Sequence[Moved]):
         self._announced.append(announced)
         return True
 
-    def _unpacked(self, place: int) -> Moved:
+    def _unpacked(self, place: int) -> Commit:
         odd = self._odd.get(place)
         if odd is not None:
             return odd
-        return Moved(*_unpack(self._data[self._ends[place] : self._ends[place + 1]]))
+        return Commit(*_unpack(self._data[self._ends[place] : self._ends[place + 1]]))
 
     def _places(self) -> array[int]:
         if len(self._order) < len(self):
@@ -194,12 +194,12 @@ class PackedCommits(Sequence[Moved]):
         return len(self._announced)
 
     @overload
-    def __getitem__(self, index: int) -> Moved: ...
+    def __getitem__(self, index: int) -> Commit: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[Moved]: ...
+    def __getitem__(self, index: slice) -> list[Commit]: ...
 
-    def __getitem__(self, index: int | slice) -> Moved | list[Moved]:
+    def __getitem__(self, index: int | slice) -> Commit | list[Commit]:
         if isinstance(index, slice):
             return [self._taken(place) for place in self._places()[index]]
         return self._taken(self._places()[index])

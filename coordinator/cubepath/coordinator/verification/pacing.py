@@ -15,13 +15,13 @@ from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.recordings.description import ATTACHED
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import (
-    Again,
+    Bundle,
     Go,
     Message,
     Observations,
     Ready,
     Reports,
-    Said,
+    Retransmit,
     Waiting,
 )
 
@@ -66,10 +66,10 @@ class Pacing:
         match message:
             case Go():
                 self._go(message)
-            case Ready() | Said() | Reports() | Observations():
+            case Ready() | Bundle() | Reports() | Observations():
                 if self._is_of_a_process(message):
                     self._answer(message)
-            case Again() | Waiting():
+            case Retransmit() | Waiting():
                 if self._is_of_a_process(message) and message.round != self.round:
                     self._wrong(message, f"in round {self.round}")
                 elif message.phase not in _AFTER:
@@ -78,7 +78,7 @@ class Pacing:
                 pass  # a part by itself, or what the coordinator says of the run
 
     def _is_of_a_process(
-        self, message: Ready | Said | Reports | Observations | Again | Waiting
+        self, message: Ready | Bundle | Reports | Observations | Retransmit | Waiting
     ) -> bool:
         if self._processes is None or message.process in self._processes:
             return True
@@ -86,17 +86,17 @@ class Pacing:
         return False
 
     def _wrong(
-        self, message: Ready | Said | Reports | Observations | Again | Waiting, why: str
+        self, message: Ready | Bundle | Reports | Observations | Retransmit | Waiting, why: str
     ) -> None:
         kind = type(message).__name__.lower()
         phase = getattr(message, "phase", None)
         of = "" if phase is None else f" of phase {phase}"
         self._fail(CHECK, f"round {message.round}, process_{message.process}: {kind}{of}, {why}")
 
-    def _answer(self, message: Ready | Said | Reports | Observations) -> None:
+    def _answer(self, message: Ready | Bundle | Reports | Observations) -> None:
         process = message.process
         match message:
-            case Ready(phase=phase) | Said(phase=phase):
+            case Ready(phase=phase) | Bundle(phase=phase):
                 pass
             case Reports():
                 phase = "settle"
@@ -106,12 +106,12 @@ class Pacing:
             self._wrong(message, f"in phase {self.phase} of round {self.round}")
             return
         match message:
-            case Ready(said=said):
+            case Ready(sent=said):
                 doubled = process in self._ready
                 self._ready[process] = _counts(said)
                 if phase == "join":
                     self._joined.add(process)
-            case Said(region=region, number=number):
+            case Bundle(region=region, number=number):
                 known = self._said.setdefault(process, set())
                 doubled = (region, number) in known
                 known.add((region, number))
@@ -140,9 +140,9 @@ class Pacing:
         if go.phase in _COUNTING.get(self.phase, ()):
             for said in self._ready.values():
                 counts.update(said)
-        if _counts(go.said) != dict(counts):
+        if _counts(go.sent) != dict(counts):
             self._fail(
-                CHECK, f"{where} counts {_counts(go.said)} messages, said were {dict(counts)}"
+                CHECK, f"{where} counts {_counts(go.sent)} messages, said were {dict(counts)}"
             )
         self.phase, self.round = go.phase, go.round
         self._begin()

@@ -34,7 +34,7 @@ from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, is_beginning, 
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free, free_topic
+from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free, free_topic
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Cube, Go, Report, decode, parts_of
 
@@ -135,11 +135,11 @@ class WholeRounds:
                     return True
             case Go(phase="sense"):
                 self.last = max(self.last, part.round)
-            case Moved():
+            case Commit():
                 before = len(self._levels)
                 self._levels |= {part.level} - {0}  # those of no move
                 return len(self._levels) > before
-            case Tail():
+            case CommitLog():
                 before = len(self._levels)
                 self._levels |= {each.level for each in part.parts} - {0}
                 return len(self._levels) > before

@@ -24,7 +24,7 @@ from cubepath.protocol.recordings.remains import Remains, remains_of
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import names_file, scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.free_messages import Moved, Tail
+from cubepath.protocol.wire.free_messages import Commit, CommitLog
 from cubepath.protocol.wire.messages import Report
 
 
@@ -110,7 +110,7 @@ def _may_be(named: str, scene: Scene) -> bool:
 
 def _contradictions(recording: Recording) -> Iterator[str]:
     """Yield in a line each what of a recording cannot be of its scene."""
-    kinds = ("moved", "tail") if recording.clock == "free" else ("report",)
+    kinds = ("commit", "commits") if recording.clock == "free" else ("report",)
     reported: dict[int, set[int]] = {}
     for logged in recording.messages(kinds):
         match logged.message:
@@ -119,8 +119,8 @@ def _contradictions(recording: Recording) -> Iterator[str]:
                 begins = report.before if report.round == 1 else None
                 yield from _report(recording, f"round {report.round}", report.module, begins)
                 yield from _move(recording, f"round {report.round}", report.move)
-            case Moved() | Tail() as message:
-                for moved in message.parts if isinstance(message, Tail) else (message,):
+            case Commit() | CommitLog() as message:
+                for moved in message.parts if isinstance(message, CommitLog) else (message,):
                     where = f"level {moved.level}"
                     for module, before, _, version in moved.motion:
                         begins = before if version == 1 else None

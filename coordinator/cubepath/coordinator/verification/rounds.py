@@ -35,17 +35,17 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.wire.messages import (
+    Bundle,
     Claim,
     Executed,
     Note,
     Part,
     Report,
-    Said,
     Verdict,
     kind_of,
 )
 
-_SAID_IN = {"here": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
+_SAID_IN = {"presence": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
 
 
 class Batches:
@@ -63,18 +63,18 @@ class Batches:
         numbers: dict[tuple[int, str, str], set[int]] = {}
         gone: dict[tuple[str, int], set[str]] = {}
         for batch in this.batches:
-            if isinstance(batch, Said):
+            if isinstance(batch, Bundle):
                 key = (batch.process, batch.phase, batch.region)
                 numbers.setdefault(key, set()).add(batch.number)
             for part in batch.parts:
                 self._check_process(part, batch.process)
-                if isinstance(batch, Said) and not isinstance(part, Report):
+                if isinstance(batch, Bundle) and not isinstance(part, Report):
                     self._check_phase(part, batch.phase)
                     gone.setdefault((kind_of(part), part.module), set()).add(batch.region)
         for (process, phase, region), found in sorted(numbers.items()):
             if found != set(range(len(found))):
                 self._fail(
-                    "said",
+                    "bundle",
                     f"round {number}, process_{process}: what it said to region {region} in phase"
                     f" {phase} is numbered {sorted(found)}, not from 0 on",
                 )
@@ -84,7 +84,7 @@ class Batches:
     def _check_process(self, part: Part | Report, process: int) -> None:
         if self._process_of.setdefault(part.module, process) != process:
             self._fail(
-                "said",
+                "bundle",
                 f"{named(part)} comes from process_{process}, but the module is in"
                 f" process_{self._process_of[part.module]}",
             )
@@ -92,16 +92,16 @@ class Batches:
     def _check_phase(self, part: Part, phase: str) -> None:
         due = _SAID_IN[kind_of(part)]
         if phase != due:
-            self._fail("said", f"{named(part)} is said in phase {phase}, not in {due}")
+            self._fail("bundle", f"{named(part)} is said in phase {phase}, not in {due}")
 
     def _check_regions(self, part: Part | None, regions: set[str]) -> None:
         due = None if part is None else self._due(part)
         if part is None or due is None:
             return  # named elsewhere: there is no such module, or no such place
         if regions - due:
-            self._fail("said", f"{named(part)} goes to region {min(regions - due)} in vain")
+            self._fail("bundle", f"{named(part)} goes to region {min(regions - due)} in vain")
         if due - regions:
-            self._fail("said", f"{named(part)} does not go to region {min(due - regions)}")
+            self._fail("bundle", f"{named(part)} does not go to region {min(due - regions)}")
 
     def _due(self, part: Part) -> frozenset[str] | None:
         """Return the regions that a part is for; None if one of its sites is malformed."""
@@ -114,7 +114,7 @@ class Batches:
             site = site_in(part.site)
             place = None if site is None else self._system.place_of(site)
             if self._is_place(place):
-                return self._regions(place, kind_of(part) == "here")
+                return self._regions(place, kind_of(part) == "presence")
         except (TypeError, IndexError, ValueError, InputError):
             pass  # it is no site of this system
         return None
@@ -312,20 +312,20 @@ class Rederivation:
                 self._check_note(message)
             if site_in(message.site) != self.sites[message.module]:
                 self._fail(
-                    "said",
+                    "bundle",
                     f"{named(message)} is from {message.site}, but it stood at"
                     f" {self.sites[message.module]!r}",
                 )
         for module, site in enumerate(self.sites):
-            if ("here", module) not in said.said and self._system.listeners(self._place(site)):
-                self._fail("said", f"{where}, module_{module}: no here")
+            if ("presence", module) not in said.said and self._system.listeners(self._place(site)):
+                self._fail("bundle", f"{where}, module_{module}: no presence")
 
     def _check_note(self, message: Note) -> None:
         """Check the form of a note; `choices` has its content, where the rule is known."""
         length = self._note_length = self._note_length or len(message.note)
         if not is_note(message.note, length) or not length:
             self._fail(
-                "said",
+                "bundle",
                 f"{named(message)} has {_odd(message.note)}, expected {length} numbers of 32 bits",
             )
 
@@ -412,7 +412,7 @@ class Rederivation:
             within = {standing[other] for other in self._system.reach(place) if other in standing}
             due: dict[tuple[str, int], ModuleMessage] = {}
             for kind, speakers in (
-                ("here", near),
+                ("presence", near),
                 ("note", within),
                 ("claim", within),
                 ("verdict", within),

@@ -22,23 +22,23 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
-    Act,
-    Acts,
+    Bundle,
     Certified,
+    ChosenAction,
+    ChosenActions,
     Claim,
     Cube,
     Edges,
     Go,
-    Here,
     Message,
+    ModuleObservation,
     Note,
     Observations,
-    Observed,
+    Presence,
     Ready,
     Refused,
     Report,
     Reports,
-    Said,
     Summary,
     Verdict,
     decode,
@@ -46,9 +46,9 @@ from cubepath.protocol.wire.messages import (
     parts_of,
 )
 
-ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
+ModuleMessage: TypeAlias = Presence | Note | Claim | Verdict
 """The messages that a module sends to its neighbours."""
-_PARTS = (Here, Note, Claim, Verdict, Report, Observed, Act)
+_PARTS = (Presence, Note, Claim, Verdict, Report, ModuleObservation, ChosenAction)
 RECOVERED = "recovered"
 """The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
@@ -83,7 +83,7 @@ class RecordedRound:
     said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
     reports: dict[int, Report] = field(default_factory=dict)
     edges: Edges | None = None
-    batches: list[Said | Reports] = field(default_factory=list)
+    batches: list[Bundle | Reports] = field(default_factory=list)
     """What the parts came in."""
 
 
@@ -213,7 +213,7 @@ class Sorting:
             if message is None:
                 continue
             self._check_form(record, message)
-            if isinstance(message, Said | Reports):
+            if isinstance(message, Bundle | Reports):
                 self._round(message.round).batches.append(message)
                 own_rule = self._own_rules.get(message.process)
                 if own_rule is not None:
@@ -226,7 +226,7 @@ class Sorting:
 
     def _check_form(self, record: Record, message: Message) -> None:
         """Check that what modules say is in batches, none of them empty."""
-        batch = isinstance(message, Said | Reports | Observations | Acts)
+        batch = isinstance(message, Bundle | Reports | Observations | ChosenActions)
         if batch and not parts_of(message):
             self._fail("batches", f"{_place(record)} is empty")
         elif isinstance(message, _PARTS):
@@ -266,7 +266,7 @@ class Sorting:
 
     def _sort(self, message: Message) -> None:
         match message:
-            case Here() | Note() | Claim() | Verdict() | Report():
+            case Presence() | Note() | Claim() | Verdict() | Report():
                 self._sort_said(message)
             case Edges(round=number):
                 this = self._round(number)
@@ -295,7 +295,7 @@ class Sorting:
         return found
 
     def _sort_said(self, message: ModuleMessage | Report) -> None:
-        check = "reports" if isinstance(message, Report) else "said"
+        check = "reports" if isinstance(message, Report) else "bundle"
         if not 0 <= message.module < self._modules:
             self._fail(check, f"{named(message)}: there is no such module in this run")
             return

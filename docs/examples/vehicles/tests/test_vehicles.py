@@ -27,7 +27,7 @@ def test_a_vehicle_that_dies_comes_back(cubepath_run: RunFixture) -> None:
 def test_what_the_wire_does_changes_nothing(cubepath_run: RunFixture) -> None:
     """Messages are lost and doubled: the run is the same as on a good wire."""
     bad = cubepath_run(CITY, WANDER, max_rounds=8)
-    lost = bad.drop("said", probability=0.05, seed=1, times=3)
+    lost = bad.drop("bundle", probability=0.05, seed=1, times=3)
     twice = bad.double("reports")
     bad.play()
     good = cubepath_run(CITY, WANDER, max_rounds=8, links=False)

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 COUNTS = "cubepath-counts"
 """The name of the metadata record that closes a recording."""
 BATCHES = {
-    "said": frozenset({"here", "note", "claim", "verdict"}),
+    "bundle": frozenset({"presence", "note", "claim", "verdict"}),
     "reports": frozenset({"report"}),
-    "observations": frozenset({"observed"}),
-    "acts": frozenset({"act"}),
-    "ask": frozenset({"attempt", "enter", "hold", "look"}),
-    "pass": frozenset({"passed", "decision", "inquiry", "settled"}),
-    "tell": frozenset({"decision", "entered", "held"}),
-    "shows": frozenset({SHOWN}),
+    "observations": frozenset({"observation"}),
+    "actions": frozenset({"action"}),
+    "requests": frozenset({"attempt", "enter", "hold", "tile_query"}),
+    "forwards": frozenset({"forwarded", "decision", "inquiry", "settled"}),
+    "replies": frozenset({"decision", "entered", "held"}),
+    "tile": frozenset({SHOWN}),
     "turns": frozenset({"turn"}),
 }
 """The kinds of messages that are batches, with the kinds of their parts."""
@@ -150,9 +150,9 @@ def _number(text: str) -> int | None:
     return int(text) if text else None
 
 
-FORMAT = "cubepath-recording-2"
+FORMAT = "cubepath-recording-4"
 """The format of runs with rounds: modules say messages in batches, `said` and `reports`."""
-FREE_FORMAT = "cubepath-recording-3"
+FREE_FORMAT = "cubepath-recording-5"
 """The format of runs without rounds, which have keepers, versions and levels."""
 FORMATS = (FORMAT, FREE_FORMAT)
 """The formats that are read."""

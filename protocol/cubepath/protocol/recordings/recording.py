@@ -205,7 +205,7 @@ class Recording:
         """Return the topics on record, at no cost if the file says of all channels what they are.
 
         >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
-        ['certificate/coordinator', 'cube/coordinator']
+        ['bundle/process_0', 'bundle/process_1']
         """
         records = self.records
         if isinstance(records, StoredRecords):

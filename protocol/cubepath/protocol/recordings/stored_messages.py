@@ -23,10 +23,10 @@ from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes
 from cubepath.protocol.recordings.salvaging import Salvage, SalvagedMessage, messages_in
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
-    Asks,
-    Passes,
-    Shows,
-    Tells,
+    Forwards,
+    Replies,
+    Requests,
+    TileUpdate,
     Turns,
     decode_free,
 )
@@ -341,6 +341,6 @@ def _parts_of_rounds(message: Message) -> Iterable[msgspec.Struct]:
 
 def _parts(message: msgspec.Struct) -> Iterable[msgspec.Struct]:
     """Return the parts of a batch of a run without rounds."""
-    if isinstance(message, Asks | Passes | Tells | Shows | Turns):
+    if isinstance(message, Requests | Forwards | Replies | TileUpdate | Turns):
         return message.parts
     return (message,)

@@ -17,7 +17,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.stored_messages import LoggedMessage, MessageSource, messages_of
-from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
+from cubepath.protocol.wire.free_messages import Attempt, Commit, CommitLog, Decision
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 
 if TYPE_CHECKING:
@@ -106,11 +106,11 @@ def moves_of(recording: MessageSource) -> Columns:
     return rows.columns()
 
 
-def _commits(recording: MessageSource) -> Iterator[tuple[LoggedMessage, Moved]]:
+def _commits(recording: MessageSource) -> Iterator[tuple[LoggedMessage, Commit]]:
     """Yield the commits of a run without rounds; some stand in several messages."""
-    for logged in messages_of(recording, ("moved", "tail")):
-        message: Moved | Tail = logged.message
-        for moved in message.parts if isinstance(message, Tail) else (message,):
+    for logged in messages_of(recording, ("commit", "commits")):
+        message: Commit | CommitLog = logged.message
+        for moved in message.parts if isinstance(message, CommitLog) else (message,):
             yield logged, moved
 
 
@@ -141,10 +141,10 @@ def _attempts(recording: MessageSource) -> Columns:
     by = "module", "epoch", "number"
     rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int, int], str] = {}
-    for logged in messages_of(recording, ("attempt", "passed", "decision", "moved", "tail")):
+    for logged in messages_of(recording, ("attempt", "forwarded", "decision", "commit", "commits")):
         for said in _told(logged.message):
             key = said.module, said.epoch, said.number
-            if isinstance(said, Moved):
+            if isinstance(said, Commit):
                 outcomes[key] = "granted"
             elif isinstance(said, Decision):
                 outcomes.setdefault(key, "lost")
@@ -154,13 +154,13 @@ def _attempts(recording: MessageSource) -> Columns:
     return _with_outcomes(rows.columns(), outcomes, by)
 
 
-def _told(message: Any) -> Iterable[Attempt | Decision | Moved]:
+def _told(message: Any) -> Iterable[Attempt | Decision | Commit]:
     """Return what a message tells of attempts: that one was made, refused or committed."""
-    if isinstance(message, Tail):
+    if isinstance(message, CommitLog):
         return message.parts
-    if isinstance(message, Decision) and message.moved is not None:
-        return (message.moved,)
-    if isinstance(message, Attempt | Decision | Moved):
+    if isinstance(message, Decision) and message.commit is not None:
+        return (message.commit,)
+    if isinstance(message, Attempt | Decision | Commit):
         return (message,)
     return (message.attempt,)
 

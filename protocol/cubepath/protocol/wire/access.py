@@ -24,10 +24,10 @@ from cubepath.protocol.wire.credentials import (
 PROCESSES_MAX = 1024
 """Processes that a router with certificates knows, which has to list them beforehand."""
 
-_OWN_KINDS = ("ready", "reports", "observations", "waiting", "again", "turns", "rest")
-_OWN_KEYS = ("to/*", "ask/*")
+_OWN_KINDS = ("ready", "reports", "observations", "waiting", "retransmit", "turns", "halted")
+_OWN_KEYS = ("to/*", "requests/*")
 """Of a module process: what it says to a region, and what it asks of a keeper."""
-_KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
+_KEEPER_KEYS = ("forwards/*", "replies/*", "tile/*", "commit", "commits")
 """Of a keeper, in runs without rounds."""
 _ASKABLE = ("state", "about", "path", "player/*")
 """What everyone may ask."""

@@ -9,8 +9,9 @@ What is said in one step to one receiver travels as one message with its parts. 
 fields are as in `messages`.
 
 `ask` and `turns` of a process, `pass`, `tell` and `shows` of a keeper are numbered by their sender
-in each `birth` of it, from 1 without gap: `said` is the number, 0 if it does not number them.
-`rest` and `tail` have none of their own, and tell the last one. Commits are numbered by `serial`.
+in each `incarnation` of it, from 1 without gap: `sequence` is the number, 0 if it does not number
+them. `rest` and `tail` have none of their own, and tell the last one. Commits are numbered by
+`serial`.
 """
 
 from __future__ import annotations
@@ -69,15 +70,15 @@ class Attempt(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     after: list[tuple[Json, Count, Count | None]] = []
 
 
-class Enter(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
-    """The process of a module asks where the module stands; all before this `birth` are fenced off.
+class EnterRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
+    """The process of a module asks where it stands; earlier incarnations are fenced off.
 
-    A process that is started again has a greater birth. Asked again with the same birth, a keeper
-    gives the same answer.
+    A process that is started again has a greater incarnation. Asked again with the same
+    incarnation, a keeper gives the same answer.
     """
 
     module: Count
-    birth: Count
+    incarnation: Count
 
 
 class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
@@ -95,7 +96,7 @@ class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
     ticks: Annotated[int, msgspec.Meta(ge=0, le=HOLD_TICKS_MAX)]
 
 
-class Look(msgspec.Struct, frozen=True, tag_field="kind", tag="look"):
+class TileQuery(msgspec.Struct, frozen=True, tag_field="kind", tag="tile_query"):
     """A process asks for all of a tile, unless `serial` is that of its last change."""
 
     tile: Name
@@ -109,14 +110,14 @@ class Occupant(msgspec.Struct, frozen=True):
     """
 
     module: Count
-    birth: Count
+    incarnation: Count
     epoch: Count
     number: Count
     note: Register
     version: Count
 
 
-class Moved(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="moved"):
+class Commit(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="commit"):
     """What was committed, as the last keeper of its chain has logged it.
 
     It is the keeper's commit number `serial`, from 1. A move has a `generator`, and a `level`: one
@@ -145,10 +146,10 @@ class Moved(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
     notes: list[tuple[Json, Count, Count, Register | None]] = []
 
 
-class Passed(msgspec.Struct, frozen=True, tag_field="kind", tag="passed"):
+class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
     """A keeper has prepared an attempt, and passes it on to the next one of its chain.
 
-    `process` is who asked. The rest is what the keepers so far have found for `Moved`; `occupants`
+    `process` is who asked. The rest is what the keepers so far have found for `Commit`; `occupants`
     are the modules of the motion, null where a later keeper has them, and `noted` those whose
     registers are written or have to hold, by their places.
     """
@@ -164,7 +165,7 @@ class Passed(msgspec.Struct, frozen=True, tag_field="kind", tag="passed"):
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="decision"):
-    """What came of an attempt: with `moved` it was committed, otherwise refused, and `why`.
+    """What came of an attempt: with `commit` it was committed, otherwise refused, and `reason`.
 
     `occupants` are the modules that it changed as they are from now on, each with its site, for the
     keepers of the chain.
@@ -173,8 +174,8 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind"
     module: Count
     epoch: Count
     number: Count
-    why: _Line = ""
-    moved: Moved | None = None
+    reason: _Line = ""
+    commit: Commit | None = None
     occupants: list[tuple[Json, Occupant]] = []
 
 
@@ -194,7 +195,7 @@ class Settled(msgspec.Struct, frozen=True, tag_field="kind", tag="settled"):
     number: Count
 
 
-class Shown(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="shown"):
+class PlaceState(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="place"):
     """What is at a place: the site that is on, with its module, or nothing.
 
     `version` counts the moves that wrote the place, and `module_version` is that of the module.
@@ -212,9 +213,9 @@ class Shown(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Entered(msgspec.Struct, frozen=True, tag_field="kind", tag="entered"):
-    """The answer to `Enter`: where the module stands, and the epoch in which it may now act."""
+    """The answer to `EnterRequest`: where the module stands, and the epoch in which it may act."""
 
-    birth: Count
+    incarnation: Count
     site: Json
     occupant: Occupant
 
@@ -225,40 +226,40 @@ class Held(msgspec.Struct, frozen=True, tag_field="kind", tag="held"):
     module: Count
     epoch: Count
     number: Count
-    parts: list[Shown]
+    parts: list[PlaceState]
 
 
-class Asks(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ask"):
+class Requests(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="requests"):
     """What the modules of a process ask of a keeper."""
 
     process: Count
     keeper: Count
-    parts: list[Attempt | Enter | Hold | Look]
-    birth: Count = 0
-    said: Count = 0
+    parts: list[Attempt | EnterRequest | Hold | TileQuery]
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
-class Passes(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="pass"):
+class Forwards(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="forwards"):
     """What a keeper says to another one."""
 
     keeper: Count
     to: Count
-    parts: list[Passed | Decision | Inquiry | Settled]
-    birth: Count = 0
-    said: Count = 0
+    parts: list[Forwarded | Decision | Inquiry | Settled]
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
-class Tells(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tell"):
+class Replies(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="replies"):
     """What a keeper answers a process."""
 
     keeper: Count
     process: Count
     parts: list[Decision | Entered | Held]
-    birth: Count = 0
-    said: Count = 0
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
-class Shows(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="shows"):
+class TileUpdate(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tile"):
     """What a keeper shows of a tile, to whoever is near enough to sense it.
 
     `serial` counts the changes of the tile. `parts` are the places that the last one changed; if
@@ -268,19 +269,19 @@ class Shows(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
     keeper: Count
     tile: Name
     serial: Count
-    parts: list[Shown]
+    parts: list[PlaceState]
     whole: bool = False
-    birth: Count = 0
-    said: Count = 0
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
 class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="turn"):
     """A module's rule was called: what it was shown, and what it chose.
 
     It stood at `site`; `version` is that of the module. `sensed` has for each slot of the module's
-    sensed places the version that was shown, -1 for an empty slot; `heard`, if the rule has notes,
-    for each place within reach the version of the place and that of its module. `action` and `note`
-    are the rule's; `number` is the attempt that follows, if one does.
+    sensed places the version that was shown, -1 for an empty slot; `received`, if the rule has
+    notes, for each place within reach the version of the place and that of its module. `action`
+    and `note` are the rule's; `number` is the attempt that follows, if one does.
     """
 
     module: Count
@@ -290,7 +291,7 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
     version: Count
     sensed: list[int]
     action: Count
-    heard: list[tuple[int, int]] = []
+    received: list[tuple[int, int]] = []
     note: Register | None = None
     guards: list[Json] = []
     heeds: list[Json] = []
@@ -304,40 +305,40 @@ class Turns(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
     process: Count
     parts: list[Turn]
-    birth: Count = 0
-    said: Count = 0
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
-class Rest(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="rest"):
+class Halted(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="halted"):
     """The modules of a process were told to halt by an order, and wait for nothing any more."""
 
     process: Count
     order: Count = 0
-    birth: Count = 0
-    said: Count = 0
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
-class Fetch(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
+class CommitQuery(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
     """The coordinator asks a keeper for its commits after `serial`, some at a time."""
 
     keeper: Count
     serial: Count
 
 
-class Repeat(msgspec.Struct, frozen=True, tag_field="kind", tag="repeat"):
+class RetransmitRange(msgspec.Struct, frozen=True, tag_field="kind", tag="retransmit_range"):
     """The coordinator asks a sender to say its messages after a number again, up to another one.
 
     `to` is its name. Who has forgotten them, or was born again, says nothing.
     """
 
     to: Name
-    birth: Count
+    incarnation: Count
     after: Count
     upto: Count
 
 
-class Tail(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tail"):
-    """A keeper's answer to `Fetch`: commits in their order, and how many there are in all.
+class CommitLog(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="commits"):
+    """A keeper's answer to `CommitQuery`: commits in their order, and how many there are in all.
 
     `units` has, when no more commits follow, the units that were ever written or read, each with
     its version, its level, how often that version was read, and the site that is on there, null for
@@ -347,25 +348,25 @@ class Tail(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
 
     keeper: Count
     serial: Count
-    parts: list[Moved]
+    parts: list[Commit]
     units: list[tuple[Json, Count, Count, Count, Json]]
     refused: Count
     prepared: Count
-    birth: Count = 0
-    said: Count = 0
+    incarnation: Count = 0
+    sequence: Count = 0
 
 
 FreeMessage: TypeAlias = (
-    Asks
-    | Passes
-    | Tells
-    | Shows
-    | Moved
+    Requests
+    | Forwards
+    | Replies
+    | TileUpdate
+    | Commit
     | Turns
-    | Rest
-    | Fetch
-    | Repeat
-    | Tail
+    | Halted
+    | CommitQuery
+    | RetransmitRange
+    | CommitLog
     | Go
     | Refused
     | Edges
@@ -375,20 +376,20 @@ FreeMessage: TypeAlias = (
 )
 """Any message of a run without rounds, on the wire or in its recording."""
 FREE_KINDS: dict[str, type[msgspec.Struct]] = {
-    "ask": Asks,
-    "pass": Passes,
-    "tell": Tells,
-    "shows": Shows,
-    "moved": Moved,
+    "requests": Requests,
+    "forwards": Forwards,
+    "replies": Replies,
+    "tile": TileUpdate,
+    "commit": Commit,
     "turns": Turns,
-    "rest": Rest,
-    "fetch": Fetch,
-    "repeat": Repeat,
-    "tail": Tail,
+    "halted": Halted,
+    "fetch": CommitQuery,
+    "retransmit_range": RetransmitRange,
+    "commits": CommitLog,
 }
 """The kinds that a run with rounds does not have."""
 
-Numbered: TypeAlias = Asks | Passes | Tells | Shows | Turns
+Numbered: TypeAlias = Requests | Forwards | Replies | TileUpdate | Turns
 """The messages that their senders number."""
 
 _decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage)
@@ -405,14 +406,14 @@ def decode_free(data: bytes) -> FreeMessage:
 def free_sender(message: FreeMessage) -> str:
     """Return the name of a message's sender."""
     match message:
-        case Asks(process=process) | Turns(process=process) | Rest(process=process):
+        case Requests(process=process) | Turns(process=process) | Halted(process=process):
             return process_name(process)
         case (
-            Passes(keeper=keeper)
-            | Tells(keeper=keeper)
-            | Shows(keeper=keeper)
-            | Moved(keeper=keeper)
-            | Tail(keeper=keeper)
+            Forwards(keeper=keeper)
+            | Replies(keeper=keeper)
+            | TileUpdate(keeper=keeper)
+            | Commit(keeper=keeper)
+            | CommitLog(keeper=keeper)
         ):
             return keeper_name(keeper)
         case _:
@@ -433,15 +434,15 @@ def free_key(run: str, message: FreeMessage) -> str:
     """Return the key that a message is put on; it ends with who puts."""
     kind, who = free_kind(message), free_sender(message)
     match message:
-        case Asks(keeper=keeper) | Fetch(keeper=keeper):
+        case Requests(keeper=keeper) | CommitQuery(keeper=keeper):
             return f"cubepath/{run}/{kind}/{keeper}/{who}"
-        case Passes(to=keeper):
+        case Forwards(to=keeper):
             return f"cubepath/{run}/{kind}/{keeper}/{who}"
-        case Tells(process=process):
+        case Replies(process=process):
             return f"cubepath/{run}/{kind}/{process}/{who}"
-        case Repeat(to=name):
+        case RetransmitRange(to=name):
             return f"cubepath/{run}/{kind}/{name}/{who}"
-        case Shows(tile=tile):
+        case TileUpdate(tile=tile):
             return f"cubepath/{run}/{kind}/{tile}/{who}"
         case _:
             return f"cubepath/{run}/{kind}/{who}"
@@ -464,10 +465,10 @@ def read_free(run: str, key: str, data: bytes) -> FreeMessage | None:
 def heard_by_keeper(run: str, keeper: int) -> tuple[str, ...]:
     """Return the key expressions that a keeper listens to."""
     return (
-        f"cubepath/{run}/ask/{keeper}/**",
-        f"cubepath/{run}/pass/{keeper}/**",
+        f"cubepath/{run}/requests/{keeper}/**",
+        f"cubepath/{run}/forwards/{keeper}/**",
         f"cubepath/{run}/fetch/{keeper}/**",
-        f"cubepath/{run}/repeat/{keeper_name(keeper)}/**",
+        f"cubepath/{run}/retransmit_range/{keeper_name(keeper)}/**",
         f"cubepath/{run}/go/**",
     )
 
@@ -475,23 +476,23 @@ def heard_by_keeper(run: str, keeper: int) -> tuple[str, ...]:
 def heard_by_process(run: str, process: int) -> tuple[str, ...]:
     """Return the key expressions that a module process listens to, tiles apart."""
     return (
-        f"cubepath/{run}/tell/{process}/**",
-        f"cubepath/{run}/repeat/{process_name(process)}/**",
+        f"cubepath/{run}/replies/{process}/**",
+        f"cubepath/{run}/retransmit_range/{process_name(process)}/**",
         f"cubepath/{run}/go/**",
     )
 
 
 def heard_of_tile(run: str, tile: str) -> str:
     """Return the key expression of what is shown of a tile."""
-    return f"cubepath/{run}/shows/{tile}/**"
+    return f"cubepath/{run}/tile/{tile}/**"
 
 
 def level_of(message: FreeMessage) -> int:
     """Return the greatest level that a message tells of for itself, or 0."""
     match message:
-        case Moved(level=level):
+        case Commit(level=level):
             return level
-        case Tail(parts=parts):
+        case CommitLog(parts=parts):
             return max((moved.level for moved in parts), default=0)
         case _:
             return 0

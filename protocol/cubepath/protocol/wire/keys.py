@@ -26,22 +26,22 @@ from zlib import crc32
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
-    Acts,
-    Again,
+    Bundle,
     Certified,
+    ChosenActions,
     Claim,
     Cube,
     Edges,
     Go,
-    Here,
     Message,
     Note,
     Observations,
+    Presence,
     Ready,
     Refused,
     Reports,
     Reset,
-    Said,
+    Retransmit,
     Summary,
     Verdict,
     Waiting,
@@ -117,7 +117,7 @@ def addressees(system: System, message: Message, sender: Site | None = None) -> 
     `sender` is the site in the message, if it was read from it already.
     """
     match message:
-        case Here(site=site):
+        case Presence(site=site):
             at = site_from_json(site) if sender is None else sender
             return system.listeners(system.place_of(at))
         case Note(site=site) | Claim(site=site):
@@ -136,11 +136,11 @@ def sender(message: Message) -> str:
             return "coordinator"
         case (
             Ready(process=process)
-            | Said(process=process)
+            | Bundle(process=process)
             | Reports(process=process)
             | Observations(process=process)
-            | Acts(process=process)
-            | Again(process=process)
+            | ChosenActions(process=process)
+            | Retransmit(process=process)
             | Waiting(process=process)
         ):
             return f"process_{process}"
@@ -150,7 +150,7 @@ def sender(message: Message) -> str:
 
 def key_of(run: str, message: Message) -> str:
     """Return the key that a message is put on."""
-    if isinstance(message, Said):
+    if isinstance(message, Bundle):
         return f"{ROOT}/{run}/to/{message.region}/{sender(message)}"
     return f"{ROOT}/{run}/{topic_of(message)}"
 

@@ -30,7 +30,7 @@ Name: TypeAlias = Annotated[str, msgspec.Meta(max_length=256)]
 """The name of a generator, region, phase or kind."""
 
 
-class Here(msgspec.Struct, frozen=True, tag_field="kind", tag="here"):
+class Presence(msgspec.Struct, frozen=True, tag_field="kind", tag="presence"):
     """A module stands at `site`; goes to the places from which that place is sensed."""
 
     round: Count
@@ -71,7 +71,7 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     """A module's announcement at the end of a round, one each, in any order of arrival.
 
     It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move`
-    is what it executed. `heard` is every part that it was delivered in this round: by kind the
+    is what it executed. `received` is every part that it was delivered in this round: by kind the
     modules that said it, in increasing order.
     """
 
@@ -81,21 +81,21 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     site: Json
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
-    heard: dict[Name, list[Count]]
+    received: dict[Name, list[Count]]
     failed: str | None = None
 
     def deliveries(self) -> Iterator[tuple[str, int]]:
         """Yield the kind and the sender of each delivery."""
-        for kind, senders in self.heard.items():
+        for kind, senders in self.received.items():
             for sender in senders:
                 yield kind, sender
 
 
-Part: TypeAlias = Here | Note | Claim | Verdict
+Part: TypeAlias = Presence | Note | Claim | Verdict
 """What a module says to the modules at some places."""
 
 
-class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
+class Bundle(msgspec.Struct, frozen=True, tag_field="kind", tag="bundle"):
     """What the modules of one process say in a phase to the places of one region.
 
     `number` counts the messages of a process to a region in a phase from 0; in the phases "sense"
@@ -121,7 +121,7 @@ class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
 class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
     """All processes may begin a phase of a round; or, with phase "stop", end.
 
-    `said` counts by region the messages that were said to it in the phase before, by all processes
+    `sent` counts by region the messages that were said to it in the phase before, by all processes
     together. With phase "observe" modules that are driven from outside send their observations.
     With phase "over" the schedule that modules carried out ends with this round (0: before the
     first): from the next on they follow their rule, each from where it stands. A process that has
@@ -130,7 +130,7 @@ class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag=
 
     round: Count
     phase: Literal["sense", "observe", "claim", "settle", "over", "stop"]
-    said: dict[Name, Count] = {}
+    sent: dict[Name, Count] = {}
 
 
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
@@ -146,18 +146,18 @@ class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
 class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
     """A process has finished a phase of a round (join: it is connected).
 
-    `said` counts by region the messages that it said in this phase. A process whose modules follow
+    `sent` counts by region the messages that it said in this phase. A process whose modules follow
     a `rule` of their own, and not that of the run, names it when it joins.
     """
 
     round: Count
     process: Count
     phase: Literal["join", "sense", "observe", "claim", "settle", "over"]
-    said: dict[Name, Count] = {}
+    sent: dict[Name, Count] = {}
     rule: Name | None = None
 
 
-class Again(msgspec.Struct, frozen=True, tag_field="kind", tag="again"):
+class Retransmit(msgspec.Struct, frozen=True, tag_field="kind", tag="retransmit"):
     """A process misses messages of a phase to a region: whoever said some says them again."""
 
     round: Count
@@ -174,7 +174,7 @@ class Waiting(msgspec.Struct, frozen=True, tag_field="kind", tag="waiting"):
     phase: Name
 
 
-class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
+class ModuleObservation(msgspec.Struct, frozen=True, tag_field="kind", tag="observation"):
     """A module driven from outside sends its PettingZoo observation, as flat lists."""
 
     round: Count
@@ -184,7 +184,7 @@ class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
     notes: list[list[int]]
 
 
-class Act(msgspec.Struct, frozen=True, tag_field="kind", tag="act"):
+class ChosenAction(msgspec.Struct, frozen=True, tag_field="kind", tag="action"):
     """The action for a module driven from outside."""
 
     round: Count
@@ -198,15 +198,15 @@ class Observations(msgspec.Struct, frozen=True, tag_field="kind", tag="observati
 
     round: Count
     process: Count
-    parts: list[Observed]
+    parts: list[ModuleObservation]
 
 
-class Acts(msgspec.Struct, frozen=True, tag_field="kind", tag="acts"):
+class ChosenActions(msgspec.Struct, frozen=True, tag_field="kind", tag="actions"):
     """The actions for all modules of one process."""
 
     round: Count
     process: Count
-    parts: list[Act]
+    parts: list[ChosenAction]
 
 
 Reason: TypeAlias = Literal[
@@ -227,16 +227,16 @@ Reason: TypeAlias = Literal[
 class Refused(msgspec.Struct, frozen=True, tag_field="kind", tag="refused"):
     """Messages that the coordinator refused in a round; they had no effect and are not on record.
 
-    `key` is what followed the run in the key of the first of them, and `who` the sender that it
+    `key` is what followed the run in the key of the first of them, and `sender` the sender that it
     names. Of those in a round with the same sender and reason the first is on record at once, with
     how it begins in `sample`; how many more there were stands in the `count` of a second message.
     """
 
     round: Count
     key: str
-    who: Name
+    sender: Name
     reason: Reason
-    why: str
+    detail: str
     count: Count
     sample: str = ""
 
@@ -308,21 +308,21 @@ class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
 
 
 Message: TypeAlias = (
-    Here
+    Presence
     | Note
     | Claim
     | Verdict
     | Report
-    | Observed
-    | Act
-    | Said
+    | ModuleObservation
+    | ChosenAction
+    | Bundle
     | Reports
     | Observations
-    | Acts
+    | ChosenActions
     | Go
     | Reset
     | Ready
-    | Again
+    | Retransmit
     | Waiting
     | Refused
     | Edges
@@ -332,21 +332,21 @@ Message: TypeAlias = (
 )
 """Any message on the wire or in a recording."""
 KINDS: dict[str, type[Message]] = {
-    "here": Here,
+    "presence": Presence,
     "note": Note,
     "claim": Claim,
     "verdict": Verdict,
     "report": Report,
-    "observed": Observed,
-    "act": Act,
-    "said": Said,
+    "observation": ModuleObservation,
+    "action": ChosenAction,
+    "bundle": Bundle,
     "reports": Reports,
     "observations": Observations,
-    "acts": Acts,
+    "actions": ChosenActions,
     "go": Go,
     "reset": Reset,
     "ready": Ready,
-    "again": Again,
+    "retransmit": Retransmit,
     "waiting": Waiting,
     "refused": Refused,
     "edges": Edges,
@@ -373,7 +373,7 @@ def decode(data: bytes) -> Message:
 
 def parts_of(message: Message) -> Sequence[Message]:
     """Return the messages of modules that a message brings; any other message is its own part."""
-    if isinstance(message, Said | Reports | Observations | Acts):
+    if isinstance(message, Bundle | Reports | Observations | ChosenActions):
         return message.parts
     return (message,)
 

@@ -9,21 +9,21 @@ from cubepath.protocol.core.catalogue import schema_with_definitions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
-    Asks,
     Attempt,
     Decision,
-    Enter,
     Entered,
+    EnterRequest,
+    Forwarded,
+    Forwards,
     Held,
     Hold,
     Inquiry,
-    Look,
-    Passed,
-    Passes,
+    PlaceState,
+    Replies,
+    Requests,
     Settled,
-    Shown,
-    Shows,
-    Tells,
+    TileQuery,
+    TileUpdate,
     Turn,
     Turns,
     decode_free,
@@ -35,19 +35,19 @@ from cubepath.protocol.wire.messages import KINDS, decode, encode, parts_of
 
 _Part: TypeAlias = (
     Attempt
-    | Enter
+    | EnterRequest
     | Hold
-    | Look
-    | Passed
+    | TileQuery
+    | Forwarded
     | Decision
     | Inquiry
     | Settled
     | Entered
     | Held
-    | Shown
+    | PlaceState
     | Turn
 )
-SHOWN = "shown"
+SHOWN = "place"
 """The kind of the parts of `shows`, which need not say it."""
 
 
@@ -84,14 +84,16 @@ def parts_said(kind: str, data: bytes) -> list[tuple[str, bytes]]:
 def _free_parts(data: bytes) -> list[tuple[str, bytes]]:
     message = decode_free(data)
     parts: Sequence[_Part] = ()
-    if isinstance(message, Asks | Passes | Tells | Shows | Turns):
+    if isinstance(message, Requests | Forwards | Replies | TileUpdate | Turns):
         parts = message.parts
     who = free_sender(message)
     found = []
     for part in parts:
         # A module speaks for itself, a keeper and a process for all that they have.
         speaker = (
-            f"module_{part.module}" if isinstance(part, Attempt | Enter | Hold | Turn) else who
+            f"module_{part.module}"
+            if isinstance(part, Attempt | EnterRequest | Hold | Turn)
+            else who
         )
         found.append((f"{part.__struct_config__.tag or SHOWN}/{speaker}", encode(part)))
     return found

@@ -11,26 +11,32 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cubepath.protocol.wire.free_messages import Numbered, Repeat, Rest, Tail, free_key
+from cubepath.protocol.wire.free_messages import (
+    CommitLog,
+    Halted,
+    Numbered,
+    RetransmitRange,
+    free_key,
+)
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Put
 
 KEPT_MAX, KEPT_BYTES_MAX = 1000, 2**20
 """So many messages a sender keeps at most, and so many bytes of them."""
 REPEATED_MAX = 200
-"""Messages in one answer to `Repeat`."""
-BIRTHS_OF_A_FLEET = 1_000_000
-"""Births in a run that is taken up again begin so much later: which of them were before is told."""
+"""Messages in one answer to `RetransmitRange`."""
+INCARNATIONS_OF_A_FLEET = 1_000_000
+"""How much later incarnations begin in a run that is resumed: so it is known which came before."""
 
 
 class Sayings:
-    """The messages of one sender in one of its births."""
+    """The messages of one sender in one of its incarnations."""
 
-    def __init__(self, run: str, birth: int) -> None:
+    def __init__(self, run: str, incarnation: int) -> None:
         """Begin with nothing said."""
         self.said = 0
         """The number of the last message."""
-        self._run, self._birth = run, birth
+        self._run, self._incarnation = run, incarnation
         self._kept: deque[tuple[int, Put]] = deque()
         self._bytes = 0
 
@@ -50,14 +56,14 @@ class Sayings:
             self._bytes -= len(self._kept.popleft()[1].data)
         return put
 
-    def tell(self, message: Numbered | Rest | Tail) -> Put:
+    def tell(self, message: Numbered | Halted | CommitLog) -> Put:
         """Return how a message is put that tells the last number and has none of its own."""
-        numbered = replace(message, birth=self._birth, said=self.said)
+        numbered = replace(message, incarnation=self._incarnation, sequence=self.said)
         return Put(free_key(self._run, numbered), encode(numbered))
 
-    def again(self, asked: Repeat) -> list[Put]:
+    def again(self, asked: RetransmitRange) -> list[Put]:
         """Return what was asked for, as far as it is kept, and not too much at once."""
-        if asked.birth != self._birth:
+        if asked.incarnation != self._incarnation:
             return []
         found = [put for number, put in self._kept if asked.after < number <= asked.upto]
         return found[:REPEATED_MAX]

@@ -12,7 +12,7 @@ from msgspec.structs import replace as with_fields
 
 from cubepath.coordinator.tools.comparison.comparing import diff
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.free_messages import Moved, Tail, Turns, decode_free
+from cubepath.protocol.wire.free_messages import Commit, CommitLog, Turns, decode_free
 from cubepath.protocol.wire.messages import encode
 from processes.command_line import GOLDEN
 from samples.free_runs import free_recorded
@@ -21,27 +21,27 @@ AGV = "agv:graph=grid3x3,n=4"
 Name = tuple[int, int]
 
 
-def commits(recording: Recording) -> dict[Name, Moved]:
+def commits(recording: Recording) -> dict[Name, Commit]:
     """Return all commits by module, numbered from 1."""
-    found: dict[Name, Moved] = {}
+    found: dict[Name, Commit] = {}
     for record in recording.records:
         message: Any = decode_free(record.data)
-        for moved in message.parts if isinstance(message, Tail) else [message]:
-            if isinstance(moved, Moved):
+        for moved in message.parts if isinstance(message, CommitLog) else [message]:
+            if isinstance(moved, Commit):
                 found[moved.keeper, moved.serial] = moved
-    by_module: dict[int, list[Moved]] = {}
+    by_module: dict[int, list[Commit]] = {}
     for moved in sorted(found.values(), key=lambda each: (each.epoch, each.number)):
         by_module.setdefault(moved.module, []).append(moved)
     return {(m, n): each for m, some in by_module.items() for n, each in enumerate(some, 1)}
 
 
-def changes(moved: Moved) -> dict[int, int]:
+def changes(moved: Commit) -> dict[int, int]:
     """Return the modules that a commit moves or whose registers it writes, with their versions."""
     written = {module: version for _, module, version, note in moved.notes if note is not None}
     return {**written, **{module: version for module, _, _, version in moved.motion}}
 
 
-def depends(later: Moved, earlier: Moved) -> bool:
+def depends(later: Commit, earlier: Commit) -> bool:
     """Return whether a commit found what the other made, or overwrote what it had read."""
     finds = [*later.read, *later.guarded, *((unit, at) for unit, at, _ in later.written)]
     made = [(unit, at + 1) for unit, at, _ in earlier.written]
@@ -85,7 +85,7 @@ def obvious(a: Recording, b: Recording) -> set[Name]:
     }
 
 
-def _notes(moved: Moved) -> list[tuple[int, list[int]]]:
+def _notes(moved: Commit) -> list[tuple[int, list[int]]]:
     return [(module, note) for _, module, _, note in moved.notes if note is not None]
 
 
@@ -124,11 +124,11 @@ def test_a_commit_with_another_content_is_the_first_that_differs() -> None:
 
     def forged(data: bytes) -> bytes:
         message: Any = decode_free(data)
-        if isinstance(message, Tail):
+        if isinstance(message, CommitLog):
             return encode(with_fields(message, parts=[*map(changed, message.parts)]))
         return encode(changed(message)) if message == wanted else data
 
-    def changed(moved: Moved) -> Moved:
+    def changed(moved: Commit) -> Commit:
         notes = [(p, m, v, None if n is None else [7, 7]) for p, m, v, n in moved.notes]
         return with_fields(moved, notes=notes) if moved == wanted else moved
 
@@ -140,7 +140,7 @@ def test_a_commit_with_another_content_is_the_first_that_differs() -> None:
     assert "[7, 7]" in found.choice.b.chose
     assert obvious(a, b) == {(found.choice.module, found.choice.number)}
     once = tuple(
-        replace(each, data=forged(each.data)) if each.topic.startswith("moved") else each
+        replace(each, data=forged(each.data)) if each.kind == "commit" else each
         for each in a.records
     )
     both = diff(a, replace(a, records=once)), diff(a, replace(a, records=once[::-1]))
@@ -165,8 +165,8 @@ def test_what_is_missing_is_said() -> None:
     kept = [
         each
         for each in a.records
-        if not isinstance(decode_free(each.data), Tail)
-        and not (isinstance(moved := decode_free(each.data), Moved) and moved == last)
+        if not isinstance(decode_free(each.data), CommitLog)
+        and not (isinstance(moved := decode_free(each.data), Commit) and moved == last)
     ]
     found = diff(a, replace(a, records=tuple(kept)))
     assert not found.same

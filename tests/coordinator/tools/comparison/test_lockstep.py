@@ -216,9 +216,9 @@ def test_a_rule_that_is_not_installed_gives_all_but_draws() -> None:
 
 FORGED: dict[str, Any] = {
     "claim": lambda told: with_fields(told, generator="another"),
-    "here": lambda told: with_fields(told, site=[99, 99]),
+    "presence": lambda told: with_fields(told, site=[99, 99]),
     "verdict": lambda told: with_fields(told, granted=not told.granted),
-    "report": lambda told: with_fields(told, heard={}),
+    "report": lambda told: with_fields(told, received={}),
     "edges": lambda told: with_fields(told, moves=[]),
     "note": lambda told: with_fields(told, note=[0] * len(told.note)),
 }
@@ -290,7 +290,7 @@ def test_what_is_ignored_is_no_difference() -> None:
 def test_other_moves_differ_whatever_is_ignored() -> None:
     """A run is not the beginning of another, nor the same, if modules did something else."""
     a, b = twin("hex:n=5", seed=1), twin("hex:n=5", seed=2, rounds=5)
-    kinds = ["here", "note", "claim", "verdict", "report", "edges", "cube", "summary"]
+    kinds = ["presence", "note", "claim", "verdict", "report", "edges", "cube", "summary"]
     for found in (diff(a, b, ignore=kinds), diff(a, b, ignore=kinds, rounds=(1, 5))):
         assert found.move is not None
         assert found.message is None

@@ -12,7 +12,7 @@ from cubepath.protocol import filter_recording, split_recording
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Moved, decode_free
+from cubepath.protocol.wire.free_messages import Commit, decode_free
 from processes.command_line import GOLDEN
 from samples.free_runs import free_recorded
 from samples.recordings import new_path, recorded, with_records
@@ -75,8 +75,8 @@ def test_parts_that_have_no_round_in_common_are_refused(tmp_path: Path) -> None:
         InputError, match=r"nothing to compare: .* has rounds 1 to \d+; .* has rounds"
     ):
         diff(parts[0], parts[1])
-    claims = cut(HEX, tmp_path / "said.mcap", topics=("said",))
-    with pytest.raises(InputError, match=r"has no round that all modules report: .*topics said"):
+    claims = cut(HEX, tmp_path / "said.mcap", topics=("bundle",))
+    with pytest.raises(InputError, match=r"has no round that all modules report: .*topics bundle"):
         diff(HEX, claims)
 
 
@@ -157,11 +157,11 @@ def test_kinds_of_messages_that_were_left_out_are_no_difference(tmp_path: Path) 
     reports = cut(HEX, tmp_path / "reports.mcap", topics=("report*",))
     found = diff(HEX, reports)
     assert (found.message, found.choice) == (None, None)
-    line = "has no here, claim, edges, cube, summary: these were not compared"
+    line = "has no presence, claim, edges, cube, summary: these were not compared"
     assert f"b {line}" in found.notes
     assert f"a {line}" in diff(reports, HEX).notes
     assert not diff(HEX, reports, rounds=(1, 29)).same
-    left = ("here", "claim", "edges", "cube", "summary")
+    left = ("presence", "claim", "edges", "cube", "summary")
     assert diff(HEX, reports, rounds=(1, 29), ignore=left).same
     assert diff(HEX, reports, ignore=left).answer == "the same in rounds 1 to 29"
     other = recorded("hex:n=5", "chain", seed=1, hesitate=0.3)
@@ -218,7 +218,7 @@ def test_free_runs_are_cut_off_and_do_not_choose_otherwise() -> None:
     last = max(record.round for record in a.records)
     for level in range(1, last):
         kept = [each for each in a.records if each.round <= level]
-        b = with_records(a, [each for each in kept if each.kind not in ("summary", "tail")])
+        b = with_records(a, [each for each in kept if each.kind not in ("summary", "commits")])
         try:
             found = diff(a, b)
         except InputError as error:
@@ -234,14 +234,14 @@ def test_free_runs_are_cut_off_and_do_not_choose_otherwise() -> None:
 
 def _level(record: Record) -> int | None:
     message = decode_free(record.data)
-    return message.level if isinstance(message, Moved) else None
+    return message.level if isinstance(message, Commit) else None
 
 
 def test_commits_that_follow_on_missing_ones_are_not_compared() -> None:
     """They are counted; the others are the same."""
     a = free_recorded("agv:graph=grid3x3,n=4", seed=4, moves=12)
     lost = next(each for each in a.records if _level(each) == 2)
-    b = with_records(a, [r for r in a.records if r != lost and r.kind != "tail"])
+    b = with_records(a, [r for r in a.records if r != lost and r.kind != "commits"])
     found = diff(a, b)
     assert found.choice is None
     assert found.beginning is None

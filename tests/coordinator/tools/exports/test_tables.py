@@ -196,7 +196,7 @@ def new_parquet(log: Path) -> Path:
         ({"table": "mvoes"}, r"unknown table 'mvoes' \(did you mean 'moves'\?\)"),
         ({"form": "xlsx"}, "unknown form 'xlsx', expected one of csv, parquet"),
         ({"out": "out.xls"}, r"found the suffix .xls, expected one of .csv, .parquet"),
-        ({"topics": ["said"]}, "table moves has no topics and kinds, expected table messages"),
+        ({"topics": ["bundle"]}, "table moves has no topics and kinds, expected table messages"),
         ({"table": "messages", "kinds": ["clam"]}, r"unknown kind 'clam' \(did you mean 'claim'"),
         ({"form": "moves", "first": 3}, "a moves file has all moves"),
         ({"table": "claims", "form": "moves"}, "a moves file has all moves"),
@@ -236,7 +236,7 @@ def test_levels_are_not_made_of_the_wall_clock() -> None:
 
 
 @pytest.mark.parametrize(
-    ("table", "kind", "batch"), [("moves", "report", "reports"), ("claims", "claim", "said")]
+    ("table", "kind", "batch"), [("moves", "report", "reports"), ("claims", "claim", "bundle")]
 )
 def test_what_was_left_out_makes_no_empty_table(table: str, kind: str, batch: str) -> None:
     """That there is nothing on record is told, and is not taken for that nothing happened."""

@@ -256,7 +256,7 @@ def test_levels_are_found_where_a_run_was_recorded_by_the_wall_clock() -> None:
 
 def test_a_range_and_topics_are_taken() -> None:
     """The robot as it was in these rounds, and the messages that were asked for."""
-    options = {"first": 3, "until": 5, "exclude": ("said", "ready")}
+    options = {"first": 3, "until": 5, "exclude": ("bundle", "ready")}
     found = viewed(GOLDEN / "hex-5.mcap", **options)
     assert {log_time for _, log_time, _ in found} == {3 * SECOND, 4 * SECOND, 5 * SECOND}
     whole = [each for each in viewed(GOLDEN / "hex-5.mcap") if each[:2] in {e[:2] for e in found}]
@@ -332,8 +332,11 @@ def test_a_new_run_is_shown(tmp_path: Path) -> None:
     ("told", "why"),
     [
         ({"attached": "6"}, "begins in (round|level) 6, expected a recording from the start"),
-        ({"topics": "go said"}, r"messages were left out when it was recorded \(topics go said\)"),
-        ({"exclude": "moved reports/process_0"}, r"left out .* \(exclude moved reports"),
+        (
+            {"topics": "go bundle"},
+            r"messages were left out when it was recorded \(topics go bundle\)",
+        ),
+        ({"exclude": "commit reports/process_0"}, r"left out .* \(exclude commit reports"),
     ],
 )
 def test_where_nobody_knows_the_places_no_robot_is_shown(

@@ -31,7 +31,7 @@ def claim(number: int, *, module: int = 0) -> Claim:
 
 
 def report(number: int, *, won: bool = True, deliveries: int = 1) -> Report:
-    site, heard = to_json(SITE), {"here": [1] * deliveries}
+    site, heard = to_json(SITE), {"presence": [1] * deliveries}
     return Report(number, 0, site, site, "granted" if won else "lost", None, heard)
 
 
@@ -40,7 +40,7 @@ def test_what_comes_late_is_told_with_its_step() -> None:
     found = ClaimListener(NumberedWorld(SCENE), free=False, before=3)
     found.take(report(4, won=False))
     assert found.told(0) is None
-    assert found.told(1) == {"claims": [[1, []]], "kinds": ["here"], "heard": [[1, [0, 1, 0]]]}
+    assert found.told(1) == {"claims": [[1, []]], "kinds": ["presence"], "heard": [[1, [0, 1, 0]]]}
     assert found.told(1) is None
     found.take(claim(4))
     assert (found.told(1) or {})["claims"] == [[1, [0, 0, 0]]]

@@ -129,8 +129,8 @@ def test_without_rounds_it_is_the_same(tmp_path: Path) -> None:
         run.play()
         assert recorder.wait(20)
     told = {topic.partition("/")[0] for topic, _, _ in messages_of(outside)}
-    assert told >= {"moved", "turns", "edges", "cube", "certificate", "summary", "go"}
-    assert read_recording(outside).format == "cubepath-recording-3"
+    assert told >= {"commit", "turns", "edges", "cube", "certificate", "summary", "go"}
+    assert read_recording(outside).format == "cubepath-recording-5"
 
 
 def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
@@ -167,18 +167,23 @@ def test_topics_are_chosen_by_glob_and_exclusion(tmp_path: Path) -> None:
     """And the recording says what was left out."""
     with start("hex:n=4", processes=2, log=tmp_path / "in.mcap") as run:
         with record(
-            run.endpoint, tmp_path / "out.mcap", topics=["said", "reports/*"], exclude=["*/*_1"]
+            run.endpoint, tmp_path / "out.mcap", topics=["bundle", "reports/*"], exclude=["*/*_1"]
         ) as recorder:
             run.step(3)
         assert recorder.left_out > 0
     recording = read_recording(tmp_path / "out.mcap")
-    assert {record.topic for record in recording.records} == {"said/process_0", "reports/process_0"}
+    assert {record.topic for record in recording.records} == {
+        "bundle/process_0",
+        "reports/process_0",
+    }
     assert recording.parameters["attached"] == "1"  # the round began with what is left out
-    with pytest.raises(InputError, match=r"left out when it was .*\(topics said reports/\*, excl"):
+    with pytest.raises(
+        InputError, match=r"left out when it was .*\(topics bundle reports/\*, excl"
+    ):
         gathered(recording)
     found = verify(recording)
     assert found.ok
-    why = "not checked: messages were left out (topics said reports/*)"
+    why = "not checked: messages were left out (topics bundle reports/*)"
     assert {check.detail for check in found.checks if not check.checked} == {why}
 
 

@@ -16,7 +16,7 @@ from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.protocol.core.errors import InputError
 
 _RANGE = re.compile(r"(\d*)\.\.(\d*)|(\d+)")
-_KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube", "summary")
+_KINDS = ("presence", "note", "claim", "verdict", "report", "edges", "cube", "summary")
 """As in `comparison.asking`, which takes too long to load for a line of help."""
 
 

@@ -49,7 +49,7 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="GLOB",
-        help="record these alone, as 'said/*' or 'ready'; may be given several times",
+        help="record these alone, as 'bundle/*' or 'ready'; may be given several times",
     )
     record.add_argument(
         "--exclude", action="append", default=[], metavar="GLOB", help="leave these topics out"

@@ -117,7 +117,7 @@ def _since(run: Recording) -> str:
     return "" if rule is None or number is None else f", with rule {rule} from round {number} on"
 
 
-COMPARED_KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube", "summary")
+COMPARED_KINDS = ("presence", "note", "claim", "verdict", "report", "edges", "cube", "summary")
 """The kinds of messages that are compared, in the order of a round and then of the end."""
 
 

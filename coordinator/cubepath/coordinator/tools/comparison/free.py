@@ -52,7 +52,7 @@ from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.free_messages import Moved, Turn
+from cubepath.protocol.wire.free_messages import Commit, Turn
 
 NOT_COMPARED = (
     "not compared, as it follows from timing: who was shown what when, turns in which a module"
@@ -294,7 +294,7 @@ def _paths_of(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> Pat
     return compare_paths(one, two, (starts[0], starts[1]), None, identical=False)
 
 
-def _action(moved: Moved, action: Action) -> Action:
+def _action(moved: Commit, action: Action) -> Action:
     place = site_in(moved.at)
     if moved.generator is None or place is None:
         return action

@@ -1,7 +1,7 @@
 """A run without rounds as its versions tell it: commits with what they depend on, and turns.
 
-Of what was said only commits, turns and births are kept. Which commit depends on which follows from
-the versions that they name, never from the order of arrival.
+Of what was said only commits, turns and incarnations are kept. Which commit depends on which
+follows from the versions that they name, never from the order of arrival.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.free_messages import Entered, Moved, Register, Turn, decode_free
+from cubepath.protocol.wire.free_messages import Commit, Entered, Register, Turn, decode_free
 from cubepath.protocol.wire.messages import Summary, encode
 
 CommitId: TypeAlias = tuple[int, int]
 """A commit by its module and how many of that module come before it, from 1."""
 _OF_MESSAGES = frozenset({"messages", "serials"})
 """What is odd with messages, before anything is derived."""
-_KINDS = frozenset({"moved", "tail", "turns", "tell", "summary"})
+_KINDS = frozenset({"commit", "commits", "turns", "replies", "summary"})
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class CommitNode:
     """A commit, with all that it is in another run too if that is equal up to commuting."""
 
     id: CommitId
-    moved: Moved
+    moved: Commit
     content: tuple[object, ...]
     """The move, and what was written into registers."""
     before: frozenset[CommitId]
@@ -83,7 +83,7 @@ class CommitGraph:
         self.loose = 0
         """How many commits follow on some that are not on record."""
         self._entered: dict[tuple[int, int], Site] = {}
-        self._commits: dict[int, dict[int, Moved]] = {}
+        self._commits: dict[int, dict[int, Commit]] = {}
         self._read()
         ordered = [
             self._commits[keeper][serial]
@@ -131,14 +131,14 @@ class CommitGraph:
     def _take(self, part: object) -> None:
         if isinstance(part, Turn):
             self.turns.setdefault(part.module, {}).setdefault((part.epoch, part.turn), part)
-        elif isinstance(part, Moved):
+        elif isinstance(part, Commit):
             self._moved(part)
         elif isinstance(part, Entered):
             site = site_in(part.site)
             if site is not None:
                 self._entered.setdefault((part.occupant.module, part.occupant.epoch), site)
 
-    def _moved(self, moved: Moved) -> None:
+    def _moved(self, moved: Commit) -> None:
         known = self._commits.setdefault(moved.keeper, {}).setdefault(moved.serial, moved)
         if known != moved:
             # Whichever comes first, the same one is taken.
@@ -186,7 +186,7 @@ class CommitGraph:
             for number, found in before.items()
         }
 
-    def moves(self) -> Iterator[tuple[Moved, Action]]:
+    def moves(self) -> Iterator[tuple[Commit, Action]]:
         """Yield the moves in canonical order."""
         path = self.history.path()
         for number, action in zip(path.commits.tolist(), path.actions, strict=True):
@@ -231,7 +231,7 @@ class CommitGraph:
                 if there.site is not None:
                     found.standing[near] = there.site
                     found.who[site_text(near)] = f"module_{there.module}"
-            for near, (version, own) in zip(system.reach(place), turn.heard, strict=False):
+            for near, (version, own) in zip(system.reach(place), turn.received, strict=False):
                 there = history.at_place(near, version)
                 if there is None:
                     return None
@@ -269,7 +269,7 @@ class _Links:
         self._wrote: dict[tuple[object, int], int] = {}
         self._read: dict[tuple[object, int], list[int]] = {}
 
-    def before(self, name: int, moved: Moved) -> set[int] | None:
+    def before(self, name: int, moved: Commit) -> set[int] | None:
         """Return what a commit depends on, and take note of what it does.
 
         None if it finds a version that nobody on record wrote.
@@ -297,7 +297,7 @@ class _Links:
         return found - {name} if known else None
 
 
-def _content(moved: Moved) -> tuple[object, ...]:
+def _content(moved: Commit) -> tuple[object, ...]:
     notes = tuple((module, tuple(note)) for _, module, _, note in moved.notes if note is not None)
     at = None if moved.generator is None else site_in(moved.at)
     return moved.generator, at, notes

@@ -27,7 +27,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
 
-_KINDS = ("here", "note", "claim", "verdict", "report", "edges")
+_KINDS = ("presence", "note", "claim", "verdict", "report", "edges")
 """What is said in a round, in this order."""
 
 

@@ -40,7 +40,7 @@ TABLES = ("moves", "claims", "messages", "rounds")
 
 _MADE_OF = {
     ("moves", "lockstep"): ("report",),
-    ("moves", "free"): ("moved", "tail", "turns"),
+    ("moves", "free"): ("commit", "commits", "turns"),
     ("claims", "lockstep"): ("claim",),
 }
 """The kinds of messages that a table is made of."""
@@ -77,7 +77,7 @@ def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
 
     >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), RowSelection("rounds"))
     >>> found.columns[:3], next(found.batches)[1][:3]
-    (('round', 'messages', 'bytes'), (1, 22, 3492))
+    (('round', 'messages', 'bytes'), (1, 22, 3599))
     """
     name, selection = wanted.table, wanted.selection
     if name not in TABLES:

@@ -22,7 +22,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.recordings.writing import CHUNK_BYTES, TOPICS_MAX
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
+from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free
 from cubepath.protocol.wire.on_record import schema_of
 
 LogTime: TypeAlias = Literal["round", "level", "wall"]
@@ -79,7 +79,7 @@ def numbered(recording: Recording) -> Iterator[tuple[int, Record]]:
         return
     level = 0
     for record in recording.written():
-        if record.kind in ("moved", "tail"):
+        if record.kind in ("commit", "commits"):
             level = max([level, *_levels(recording, record)])
         yield level, record
 
@@ -90,7 +90,7 @@ def _levels(recording: Recording, record: Record) -> list[int]:
     except InputError as error:
         where = f"{recording.path}: message {record.sequence} ({record.topic})"
         raise InputError(f"{where}: {error}") from None
-    told = said.parts if isinstance(said, Tail) else [said] if isinstance(said, Moved) else []
+    told = said.parts if isinstance(said, CommitLog) else [said] if isinstance(said, Commit) else []
     return [moved.level for moved in told]
 
 

@@ -18,17 +18,24 @@ from cubepath.coordinator.tools.viewing.run_view import (
 from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.wire.free_messages import Attempt, Decision, FreeMessage, Moved, Passed, Tail
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Commit,
+    CommitLog,
+    Decision,
+    Forwarded,
+    FreeMessage,
+)
 from cubepath.protocol.wire.messages import Claim, Message, Report
 
-HEARD = ("claim", "report", "attempt", "passed", "decision", "moved", "tail")
+HEARD = ("claim", "report", "attempt", "forwarded", "decision", "commit", "commits")
 """The kinds of messages, and of their parts, that are of use here."""
 _KEPT = 64
 """A step can be told again until so many others have followed."""
 _NO_SITE = (CubepathError, TypeError, ValueError, LookupError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
 _Key: TypeAlias = tuple[int, ...]
-Words: TypeAlias = Message | FreeMessage | Attempt | Passed | Decision
+Words: TypeAlias = Message | FreeMessage | Attempt | Forwarded | Decision
 """A message, or a part of one."""
 
 
@@ -66,12 +73,12 @@ class ClaimListener:
                 self._claim(key, message.round - self._before, message)
             case Report():
                 self._report(message)
-            case Tail():
+            case CommitLog():
                 for moved in message.parts:
                     self._moved(moved)
-            case Moved():
+            case Commit():
                 self._moved(message)
-            case Passed():
+            case Forwarded():
                 self._attempt(message.attempt)
             case Attempt():
                 self._attempt(message)
@@ -87,12 +94,12 @@ class ClaimListener:
 
     def _decision(self, decision: Decision) -> None:
         key = decision.module, decision.epoch, decision.number
-        if decision.moved is not None:
-            self._moved(decision.moved)
+        if decision.commit is not None:
+            self._moved(decision.commit)
         elif key not in self._outcomes:
             self._came(key, "lost")
 
-    def _moved(self, moved: Moved) -> None:
+    def _moved(self, moved: Commit) -> None:
         self._top = max(self._top, moved.level)
         self._came((moved.module, moved.epoch, moved.number), "granted")
 

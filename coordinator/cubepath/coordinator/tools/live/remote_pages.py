@@ -101,7 +101,7 @@ class Levels:
 
 _RESULTS = ("edges", "summary")
 _SAID = ("to", "reports")
-_SAID_FREE = ("ask", "pass", "tell", "moved", "tail")
+_SAID_FREE = ("requests", "forwards", "replies", "commit", "commits")
 """The keys of what modules say, with rounds and without, and of what keepers answer."""
 _ASK_S = 0.1
 _ASKED_S_MAX = 2.0

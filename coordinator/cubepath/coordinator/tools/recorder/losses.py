@@ -26,12 +26,12 @@ class Head(msgspec.Struct, gc=False):
     process: int = 0
     region: str = ""
     number: int = 0
-    said: dict[str, int] = {}
+    sent: dict[str, int] = {}
 
 
 class _FreeHead(msgspec.Struct, gc=False):
-    birth: int = 0
-    said: int = 0
+    incarnation: int = 0
+    sequence: int = 0
 
 
 _head = msgspec.json.Decoder(Head).decode
@@ -70,7 +70,7 @@ class LossCounter:
         """Begin with nothing heard, of a run without rounds or with them."""
         self._free = free
         self._sources: dict[str, _Numbers] = {}
-        self._births: dict[tuple[str, int], _Numbers] = {}
+        self._incarnations: dict[tuple[str, int], _Numbers] = {}
         self._said: dict[str, dict[tuple[int, str | None, str], set[int]]] = {}
         self._owed: dict[str, Counter[tuple[int, str | None, str]]] = {}
         self._reported: dict[str, int] = {}
@@ -97,7 +97,7 @@ class LossCounter:
         if self._first_round is None:
             self._first_round = head.round
         match kind:
-            case "said":
+            case "bundle":
                 self._take_said(sender, head)
             case "ready":
                 self._take_ready(sender, head)
@@ -109,14 +109,17 @@ class LossCounter:
 
     def _numbered(self, kind: str, sender: str, data: bytes) -> None:
         head = _free_head(data)
-        if not head.said or kind in ("rest", "tail"):  # these tell the last number, and have none
+        if not head.sequence or kind in (
+            "halted",
+            "commits",
+        ):  # these tell the last number, and have none
             return
-        key = sender, head.birth
-        known = self._births.get(key)
+        key = sender, head.incarnation
+        known = self._incarnations.get(key)
         if known is None:
-            self._births[key] = _Numbers(head.said)
+            self._incarnations[key] = _Numbers(head.sequence)
         else:
-            known.take(head.said)
+            known.take(head.sequence)
 
     def _take_said(self, sender: str, head: Head) -> None:
         key = head.round, head.phase, head.region
@@ -133,7 +136,7 @@ class LossCounter:
         said = self._said.pop(sender, {})
         if head.round == self._first_round:
             return  # what was said before anyone listened is not lost
-        for region, count in head.said.items():
+        for region, count in head.sent.items():
             key = head.round, head.phase, region
             missing = count - len(said.get(key, ()))
             if missing > 0:
@@ -149,8 +152,8 @@ class LossCounter:
         """Return how many messages are missing, by topic or by who numbers them."""
         found: Counter[str] = Counter(self._unreported)
         for sender, owed in self._owed.items():
-            found[f"said/{sender}"] += owed.total()
-        for (sender, _), numbers in self._births.items():
+            found[f"bundle/{sender}"] += owed.total()
+        for (sender, _), numbers in self._incarnations.items():
             found[sender] += numbers.missing
         for who, numbers in self._sources.items():
             found[who] += numbers.missing

@@ -35,12 +35,12 @@ def topic_in(key: str) -> str | None:
     What the coordinator puts for one process alone repeats what it has told all.
 
     >>> topic_in("cubepath/0123456789ab/to/0,1/process_3")
-    'said/process_3'
+    'bundle/process_3'
     """
     parts = key.split("/")
     if len(parts) < 4:
         return None
-    kind = "said" if parts[2] == _SAID_TO else parts[2]
+    kind = "bundle" if parts[2] == _SAID_TO else parts[2]
     if kind not in _KINDS or (kind in ("go", "reset") and parts[-1] != _COORDINATOR):
         return None
     return f"{kind}/{parts[-1]}"
@@ -57,7 +57,9 @@ class Topics:
         """
         for each in (*topics, *exclude):
             if not each:
-                raise InputError("topics: found an empty glob, expected one as 'said/*' or 'ready'")
+                raise InputError(
+                    "topics: found an empty glob, expected one as 'bundle/*' or 'ready'"
+                )
             kind = each.partition("/")[0]
             if not any(fnmatchcase(known, kind) for known in _KINDS):
                 near = did_you_mean(kind, _KINDS)

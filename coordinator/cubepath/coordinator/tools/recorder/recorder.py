@@ -338,7 +338,7 @@ class Recorder:
         return {
             each: count
             for each, count in found.items()
-            if not each.startswith(("said/", "reports/")) or self._topics.has(each)
+            if not each.startswith(("bundle/", "reports/")) or self._topics.has(each)
         }
 
     @property

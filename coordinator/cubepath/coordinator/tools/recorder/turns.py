@@ -43,7 +43,7 @@ class MessageTimes:
     def of(self, kind: str, heard: ReceivedMessage, head: Head | None) -> tuple[int, int, bool]:
         """Return the log time, the first whole round from here on, and whether a round begins."""
         if self._free:
-            if kind in ("moved", "tail"):
+            if kind in ("commit", "commits"):
                 self._now = max(self._now, _level(heard.data))
             return (heard.wall_ns if self._by_wall else self._now), self._now + 1, False
         if head is not None and 0 <= head.round <= _NUMBERS_MAX:
@@ -80,7 +80,12 @@ _HELD_S = 1.0
 """So long something waits at most: what it waits for may be lost."""
 _HELD_MAX = 1 << 14
 _RANKS = {"join": 0, "sense": 1, "observe": 2, "claim": 3, "settle": 4, "over": 5}
-_TOLD_IN = {"reports": "settle", "observations": "observe", "again": "sense", "waiting": "sense"}
+_TOLD_IN = {
+    "reports": "settle",
+    "observations": "observe",
+    "retransmit": "sense",
+    "waiting": "sense",
+}
 """Messages that name no phase, or none that counts, with the first in which they can come."""
 Stage: TypeAlias = tuple[int, int]
 """A round and the rank of a phase in it."""
