@@ -16,7 +16,7 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
     free_sender,
 )
-from cubepath.protocol.wire.sayings import Sayings
+from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 
 class Numbering:
@@ -24,16 +24,16 @@ class Numbering:
 
     def __init__(self) -> None:
         """Begin before the first message."""
-        self._sayings: dict[str, Sayings] = {}
+        self._outgoing: dict[str, OutgoingLog] = {}
 
     def numbered(self, message: FreeMessage) -> FreeMessage:
         """Return a message with its number, or the last one of its sender."""
-        said = self._sayings.setdefault(free_sender(message), Sayings("run", 1))
+        said = self._outgoing.setdefault(free_sender(message), OutgoingLog("run", 1))
         match message:
             case Requests() | Forwards() | Replies() | TileUpdate() | Turns():
-                return decode_free(said.say(message).data)
+                return decode_free(said.append(message).data)
             case CommitLog() | Halted():
-                return decode_free(said.tell(message).data)
+                return decode_free(said.stamp(message).data)
             case _:
                 return message
 

@@ -210,9 +210,9 @@ def refusing(recording: Recording, *, counted: bool) -> Recording:
         "kind": "refused",
         "round": round_number,
         "key": "bundle/process_0",
-        "who": "process_0",
+        "sender": "process_0",
         "reason": "malformed",
-        "why": "not a cubepath message",
+        "detail": "not a cubepath message",
         "count": 1,
         "sample": "x",
     }
@@ -339,12 +339,12 @@ def refused(decision: Any) -> Any:
     if decision["kind"] != "decision" or "commit" not in decision:
         return None
     kept = {key: decision[key] for key in ("kind", "module", "epoch", "number")}
-    return kept | {"why": "no"}
+    return kept | {"reason": "no"}
 
 
 def otherwise(decision: Any) -> Any:
     """Return a refusal for another reason."""
-    return decision | {"why": "it was late"} if decision.get("why") else None
+    return decision | {"reason": "it was late"} if decision.get("reason") else None
 
 
 def emptied(shown: Any) -> Any:

@@ -25,7 +25,7 @@ from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.protocol.core import output_files
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
+from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 
 WRITERS = {incarnations_written.__file__, output_files.__file__}
 

@@ -18,7 +18,7 @@ from cubepath.protocol.wire.free_messages import (
     free_key,
 )
 from cubepath.protocol.wire.messages import encode
-from cubepath.protocol.wire.sayings import Sayings
+from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 
 def turns(*numbers: int, incarnation: int = 1) -> list[FreeMessage]:
@@ -81,15 +81,15 @@ def test_what_does_not_come_is_given_up() -> None:
 
 def test_whatever_was_lost_comes_in_the_end() -> None:
     """With half of all messages lost, each time anew."""
-    random, sayings, found = Random(3), Sayings("run", 1), SequenceTracker()  # noqa: S311 - a seeded one
+    random, outgoing, found = Random(3), OutgoingLog("run", 1), SequenceTracker()  # noqa: S311 - a seeded one
     for _ in range(500):
-        put = sayings.say(Turns(0, []))
+        put = outgoing.append(Turns(0, []))
         if random.random() < 0.5:
             found.take(decode_free(put.data))
-    found.take(decode_free(sayings.tell(Halted(0)).data))
+    found.take(decode_free(outgoing.stamp(Halted(0)).data))
     for _ in range(2000):
         for asked in found.asks():
-            for put in sayings.again(asked):
+            for put in outgoing.retransmit(asked):
                 if random.random() < 0.5:
                     found.take(decode_free(put.data))
     assert found.lacking == 0

@@ -25,7 +25,7 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
 )
 from cubepath.protocol.wire.messages import Summary, encode
-from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
+from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 from samples.free_numbers import numbered
 from samples.free_runs import asked, free_recorded, free_run, results, write
 from samples.recordings import new_path

@@ -29,8 +29,8 @@ from cubepath.protocol.core.output_files import unwritable, written_whole
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import keeper_name, process_name
+from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
 
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0

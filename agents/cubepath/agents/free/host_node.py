@@ -36,7 +36,7 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Timer
-from cubepath.protocol.wire.sayings import Sayings
+from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
 _SWEEP_S = 1.0
@@ -74,7 +74,7 @@ class FreeHostNode(Node):
         self.sensing = Sensing(self._scene.system, self._tiles)
         self.refused = 0
         """Messages that were none, or not for this process."""
-        self._sayings = Sayings(config.run, config.incarnation)
+        self._outgoing = OutgoingLog(config.run, config.incarnation)
         self._now_s = 0.0
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
@@ -102,7 +102,7 @@ class FreeHostNode(Node):
                 for part in parts:
                     self._told(part, message.keeper)
             case RetransmitRange():
-                return list(self._sayings.again(message))
+                return list(self._outgoing.retransmit(message))
             case Go(phase="stop"):
                 return [Timer(None), End()]
             case Go(phase="over", round=order):
@@ -186,13 +186,15 @@ class FreeHostNode(Node):
         for tile, serial in self.sensing.due(self._now_s):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(TileQuery(tile, serial))
-        process, sayings = self._config.process, self._sayings
+        process, outgoing = self._config.process, self._outgoing
         # What a rule chose is on record before what follows from it.
         if turns:
-            effects.append(sayings.say(Turns(process, turns)))
-        effects += (sayings.say(Requests(process, keeper, parts)) for keeper, parts in asks.items())
+            effects.append(outgoing.append(Turns(process, turns)))
+        effects += (
+            outgoing.append(Requests(process, keeper, parts)) for keeper, parts in asks.items()
+        )
         if self._order is not None and all(mover.rests for mover in self.movers.values()):
-            effects.append(sayings.tell(Halted(process, self._order)))
+            effects.append(outgoing.stamp(Halted(process, self._order)))
             self._order = None
         return effects + self._timer()
 

@@ -23,7 +23,7 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
-from cubepath.protocol.wire.sayings import Sayings
+from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 TICK_S = 0.05
 
@@ -40,7 +40,7 @@ class KeeperNode(Node):
     ) -> None:
         """Know which modules each process may speak for."""
         self.keeper = keeper
-        self._sayings = Sayings(run, incarnation)
+        self._outgoing = OutgoingLog(run, incarnation)
         self._run = run
         self._process_of = {
             module: process for process, modules in enumerate(modules_of) for module in modules
@@ -57,7 +57,7 @@ class KeeperNode(Node):
         if isinstance(message, Go) and message.phase == "stop":
             return [Timer(None), End()]
         if isinstance(message, RetransmitRange):
-            return list(self._sayings.again(message))
+            return list(self._outgoing.retransmit(message))
         self._take(message)
         return self._said()
 
@@ -101,8 +101,8 @@ class KeeperNode(Node):
     def _put(self, message: FreeMessage) -> Put:
         match message:
             case Forwards() | Replies() | TileUpdate():
-                return self._sayings.say(message)
+                return self._outgoing.append(message)
             case CommitLog():
-                return self._sayings.tell(message)
+                return self._outgoing.stamp(message)
             case _:
                 return Put(free_key(self._run, message), encode(message))

@@ -95,7 +95,7 @@ def _pattern(name: str, text: str, there: Collection[str]) -> str:
     Parts of batches are no topics.
     """
     if not text or any(each in text for each in "#$"):
-        raise InputError(f"{name}={text}: expected topics such as 'reports/*' or 'said'")
+        raise InputError(f"{name}={text}: expected topics such as 'reports/*' or 'bundle'")
     found = text if "/" in text else f"{text}/*"
     if there and not any(fnmatchcase(topic, found) for topic in there):
         raise InputError(

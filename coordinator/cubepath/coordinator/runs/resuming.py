@@ -54,7 +54,7 @@ from cubepath.protocol.wire.free_messages import (
     decode_free,
 )
 from cubepath.protocol.wire.keys import Tiles
-from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
+from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 
 _Number: TypeAlias = tuple[int, ...]
 _COMMIT, _PREPARED, _DECIDED, _OPENED = (

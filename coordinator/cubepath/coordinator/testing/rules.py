@@ -94,7 +94,7 @@ class Pattern:
         return any((whole or kind == one) and module in (None, about) for one, about in seen.parts)
 
     def __str__(self) -> str:
-        """Return what is given, as ``kind=said, round=3``."""
+        """Return what is given, as ``kind=bundle, round=3``."""
         given = {name: getattr(self, name) for name in self.__slots__}
         if self.where is not None:  # whatever it is, in one line
             given["where"] = getattr(self.where, "__name__", type(self.where).__name__)

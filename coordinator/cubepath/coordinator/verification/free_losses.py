@@ -24,7 +24,7 @@ from cubepath.protocol.wire.free_messages import (
     TileQuery,
     Turns,
 )
-from cubepath.protocol.wire.sayings import INCARNATIONS_OF_A_FLEET
+from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 
 _PROCESS = process_name(0)[:-1]
 
