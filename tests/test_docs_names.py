@@ -1,0 +1,86 @@
+"""Every name in backticks in the docs is one of the program: what was renamed or removed is found."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NOT_OURS = frozenset(
+    [
+        "concurrent",
+        "f9c",
+        "futures",
+        "grid24x24",
+        "NextStep",
+        "pyutils",
+        "SameStep",
+        "set_num_threads",
+        "SourceInfo",
+        "ssh",
+        "support_sites",
+        "support_starts",
+        "unwrapped",
+        "viewed",
+        "xxyx",
+    ]
+)
+"""Of gymnasium, torch, MCAP and other programs; and examples of values and files."""
+_PLACEHOLDER = re.compile(r"[A-Z_]+|\w+_([A-Z]+|\d+)|\w+_|xNN")
+
+
+def words(text: str) -> list[str]:
+    """Return what may be names in a text, of three letters or more."""
+    return re.findall(r"[A-Za-z_]\w\w+", text)
+
+
+def names_in(path: Path) -> Iterator[str]:
+    """Yield the names in a file of Python and the words of its strings, but not of docstrings."""
+    tree = ast.parse(path.read_text())
+    prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
+                yield name
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name
+            case ast.keyword(arg=str(name)):
+                yield name
+            case ast.alias(name=name):
+                yield from words(name)
+            case ast.Constant(value=str(text)) if id(node) not in prose:
+                yield from words(text)
+            case ast.Constant(value=bytes(data)):
+                yield from words(data.decode("latin-1"))
+            case _:
+                pass
+
+
+@cache
+def known() -> frozenset[str]:
+    """Return all names of the program, of its pages and of the examples in the docs."""
+    found = set(NOT_OURS)
+    for folder in ("protocol", "agents", "coordinator", "docs", "tests"):
+        for path in (ROOT / folder).rglob("*"):
+            found.update(words(str(path.relative_to(ROOT))))
+            if path.suffix == ".py" and folder != "tests":
+                found.update(names_in(path))
+            elif path.suffix in {".js", ".html", ".toml", ".json"} and path.is_file():
+                found.update(words(path.read_text()))
+    found.update(words((ROOT / "pyproject.toml").read_text()))
+    return frozenset(found)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
+def test_every_name_of_a_page_is_one_of_the_program(page: Path) -> None:
+    """In backticks within a line; blocks of code are run by another test."""
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    spans = re.findall(r"`([^`\n]+)`", text)
+    named = {word for span in spans for word in words(span) if not _PLACEHOLDER.fullmatch(word)}
+    assert named - known() == set()
