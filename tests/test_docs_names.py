@@ -1,4 +1,4 @@
-"""Every name in backticks in the docs is one of the program: what was renamed is found."""
+"""Every name in backticks in the docs is one of the program; none is left of what was renamed."""
 
 from __future__ import annotations
 

@@ -157,8 +157,8 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
 @pytest.mark.parametrize(
     ("message", "reason", "why"),
     [
-        (said(Presence(4, 0, 3)), "foreign", "presence of module_0, who is not in process_1"),
-        (said(Presence(4, 3, 3)), "foreign", "presence of module_3, who is not in process_1"),
+        (said(Presence(4, 0, 3)), "foreign", "presence of module_0, which is not in process_1"),
+        (said(Presence(4, 3, 3)), "foreign", "presence of module_3, which is not in process_1"),
         (
             said(Presence(5, 1, 3)),
             "out of place",
@@ -285,7 +285,7 @@ def test_a_whole_message_has_a_part_of_each_module() -> None:
         (
             Reports(4, 0, [report(0), report(1)]),
             "foreign",
-            "report of module_1, who is not in process_0",
+            "report of module_1, which is not in process_0",
         ),
         (Reports(4, 1, [report(1, number=3)]), "out of place", "report of round 3 in 4"),
         (

@@ -224,7 +224,7 @@ def test_a_round_is_played_by_one(tmp_path: Path) -> None:
     listening, thread, again = told[0], told[3], told[4]
     assert told[:3] == [listening] * 3
     assert listening.startswith("a round is under way: ")
-    assert thread == "another thread goes on with this run: expected one at a time"
+    assert thread == "another thread is using this run: expected one at a time"
     assert again.startswith("the run has begun before: ")
     refused(running.__enter__)
     whole(running, "interrupted")

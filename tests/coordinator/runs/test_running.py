@@ -160,7 +160,7 @@ def test_whoever_may_join_may_listen(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("clock", ["lockstep", "free"])
 def test_whoever_may_join_may_ask(clock: Literal["lockstep", "free"], tmp_path: Path) -> None:
-    """A guest is told where the run stands, by its name or not, and nobody answers afterwards."""
+    """A guest is told where the run stands, by its name or not, and gets no answer afterwards."""
     plan = Plan("agv-labelled:graph=grid3x3,n=2", clock=clock, processes=1, keepers=1)
     with start(plan, log=tmp_path / "a.mcap") as running:
         begun = ask(running.endpoint)

@@ -288,7 +288,7 @@ def test_a_missing_mover_stops_before_its_cube() -> None:
     for module in range(len(first.scene.start)):
         stopped, second, _ = stopped_by(first, lambda scene, m=module: without_module(scene, m))  # type: ignore[misc]
         assert stopped.module is None
-        assert "nobody stands at" in stopped.reason
+        assert "no module stands at" in stopped.reason
         assert summary_of(second).rounds == stopped.round - 1
 
 
@@ -307,7 +307,7 @@ def test_another_start(tmp_path: Path) -> None:
     first = original("agv:graph=P4,n=1", "tswap", 9)
     scene = first.scene
     for start, reason in (
-        ((3,), "nobody stands at 0 or 1"),
+        ((3,), "no module stands at 0 or 1"),
         ((0, 1), "somebody stands at 0 and 1"),
     ):
         changed = replace(scene, start=start, goal=None, goals=())
@@ -548,7 +548,7 @@ def test_what_is_no_schedule_of_the_system_is_one_line_and_exit_code_2(
     ("plan", "message"),
     [
         ({"hesitate": 0.5}, "hesitate=0.5: a schedule has a round for every cube"),
-        ({"rule": "tswap"}, "rule=tswap: a schedule needs none, only repair goes on with one"),
+        ({"rule": "tswap"}, "rule=tswap: a schedule needs none, only repair continues with one"),
         ({"rule": "chain", "repair": True}, "not for this system: rule 'chain'"),
         ({"schedule": None, "repair": True}, "repair: there is no schedule that could need it"),
         ({"schedule": Path("/no/such")}, "/no/such: No such file or directory"),

@@ -175,7 +175,7 @@ def test_a_secure_run_alone_is_over_tls_too(folder: Path, tmp_path: Path) -> Non
     [
         ({"listen": "tls/127.0.0.1:0"}, "expected a folder of certificates"),
         ({"connect": "tls/127.0.0.1:7447"}, "expected a folder of certificates"),
-        ({"wait_for": 1}, "wait-for=1: nobody can join a private run"),
+        ({"wait_for": 1}, "wait-for=1: no process can join a private run"),
         ({"wait_for": 5, "listen": "tcp/127.0.0.1:0"}, "wait-for=5: expected 0 to 4"),
         ({"listen": "tcp/127.0.0.1:0", "connect": "tcp/127.0.0.1:7447"}, "has a router already"),
         ({"secure": Path("none"), "listen": "tcp/127.0.0.1:0"}, "expected tls/HOST:PORT with"),

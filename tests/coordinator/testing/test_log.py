@@ -106,7 +106,7 @@ def test_runs_that_differ_are_shown_where_they_first_do() -> None:
     text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
     assert re.search(r"^  round \d+, first: module_\d edge at", text, re.MULTILINE)
     assert re.search(r"^  they part in round \d+, with a choice of module_\d$", text, re.MULTILINE)
-    assert "why: it sensed and was told the same in both, in this round and all before" in text
+    assert "why: it sensed and heard the same in both, in this round and all before" in text
     assert "why: seed is 0 in a, and 1 in b" in text
     fails(lambda: one.assert_same_run(other, homotopic=True), r"^not homotopic: ")
 

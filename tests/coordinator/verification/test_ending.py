@@ -119,7 +119,7 @@ def test_without_a_parameter_rounds_may_end_anywhere() -> None:
     wrong = with_summary(with_fields(whole, parameters=less), error="out of memory")
     assert told(wrong) == "it says max-rounds (out of memory), derived is no end"
     fewer = with_fields(whole, parameters={**whole.parameters, "max_rounds": "5"})
-    assert told(fewer).startswith("it goes on after round 5: max-rounds")
+    assert told(fewer).startswith("it continues after round 5: max-rounds")
 
 
 def exchanged(scene: Scene) -> Scene:

@@ -116,7 +116,7 @@ def test_modules_may_be_driven_from_outside() -> None:
         ((*SENSED, Retransmit(2, 1, "sense", "0,0")), "retransmit of phase sense, in round 1"),
         ((*SETTLED, Go(0, "stop")), "round 0: go stop in round 1, or a second time"),
         ((*SETTLED, Go(1, "stop"), Go(1, "stop")), "go stop in round 1, or a second time"),
-        ((*SETTLED, Go(1, "stop"), Go(2, "sense")), "go sense, after all were told to stop"),
+        ((*SETTLED, Go(1, "stop"), Go(2, "sense")), "go sense, after all were ordered to stop"),
     ],
 )
 def test_what_does_not_fit_is_named(messages: tuple[Message, ...], why: str) -> None:

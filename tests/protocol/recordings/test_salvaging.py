@@ -137,7 +137,7 @@ def test_a_damaged_length_before_the_parameters_does_not_cost_them() -> None:
     assert (whole[header], whole[following]) == (Opcode.HEADER, Opcode.METADATA)
     found = salvaged(flipped(whole, body - 1))
     assert found.problems == [
-        f"corrupt at byte {header}: a record is damaged, reading goes on at byte {following}"
+        f"corrupt at byte {header}: a record is damaged, reading continues at byte {following}"
     ]
     assert found.metadata == ["cubepath", "cubepath", "cubepath-counts"]
     assert len(found.attachments) == 2

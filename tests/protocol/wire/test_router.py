@@ -150,7 +150,7 @@ def test_nothing_is_said_of_passwords_where_a_router_stands_still(
     with (
         Router() as router,
         standing_still(router),
-        pytest.raises(CubepathError, match=r"nobody answers within 0\.5 s$"),
+        pytest.raises(CubepathError, match=r"no answer within 0\.5 s$"),
     ):
         open_client(router.endpoint)
 

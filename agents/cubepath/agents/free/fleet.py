@@ -251,7 +251,9 @@ def read_incarnations(logs: Path) -> LogsInfo | None:
         found = str(error)
     except OSError as error:
         found = error.strerror or str(error)
-    raise InputError(f"{path}: {found}, expected the run and the incarnation of the logs beside it")
+    raise InputError(
+        f"{path}: {found}, expected the run and the incarnation of the logs in its folder"
+    )
 
 
 def next_incarnations(logs: Path | None, run: str) -> LogsInfo:

@@ -476,7 +476,7 @@ class Keeper:
         motion: list[tuple[int, object, object, int]] = []
         for (source, target), taken in zip(plan.motion, passed.occupants, strict=True):
             if taken is None:
-                raise AssertionError(f"nobody is taken along from {source!r}")
+                raise AssertionError(f"no module is carried from {source!r}")
             motion.append((taken.module, to_json(source), to_json(target), taken.version + 1))
             modules[taken.module] = target, taken
         moved_along = {module for module, *_ in motion}

@@ -118,7 +118,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Proce
 def _connected(joining: Joining) -> zenoh.Session:
     """Open a session; patience is for a router that is there, and may stand still."""
     if not is_reachable(joining.connect, min(_TAKE_S, joining.patience_s)):
-        raise CheckError(f"no zenoh router at {joining.connect}: nobody answers")
+        raise CheckError(f"no zenoh router at {joining.connect}: no answer")
     return open_client(joining.connect, joining.patience_s, credentials=joining.credentials)
 
 

@@ -220,7 +220,7 @@ class Judge:
             if self._process_of.get(part.module) != message.process:
                 refuse(
                     "foreign",
-                    f"{kind_of(part)} of module_{part.module}, who is not in"
+                    f"{kind_of(part)} of module_{part.module}, which is not in"
                     f" process_{message.process}",
                 )
             if part.round != message.round:
@@ -249,7 +249,7 @@ def _refuse_part(said: Bundle, part: Part) -> NoReturn:
     when = f"round {part.round}, said in phase {said.phase} of round {said.round}"
     if part.round != said.round or type(part) not in KINDS_IN[said.phase]:
         refuse("out of place", f"{_name(part)} of {when}")
-    refuse("foreign", f"{_name(part)}, who is not in process_{said.process}")
+    refuse("foreign", f"{_name(part)}, which is not in process_{said.process}")
 
 
 def _known(part: Part, value: object, check: Callable[[Any], None]) -> Site:

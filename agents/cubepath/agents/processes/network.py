@@ -62,7 +62,7 @@ class NetworkConfig:
             raise InputError(f"wait-for={self.wait_for}: expected 0 to {modules}, one a module")
         if self.wait_for and endpoint is None and self.secure is None:
             raise InputError(
-                f"wait-for={self.wait_for}: nobody can join a private run, expected --listen or"
+                f"wait-for={self.wait_for}: no process can join a private run, expected --listen or"
                 " --connect"
             )
         if self.secure is not None:

@@ -225,14 +225,14 @@ def make(knowledge: InitialKnowledge) -> Rule:
 
 PIBT = RuleType(
     name="pibt",
-    summary="vehicles go to their own goals; who has been under way for longest pushes the others",
+    summary="vehicles go to their own goals; the one that has travelled longest pushes the others",
     source="Okumura, Machida, Defago and Tamura, PIBT (multi-agent path finding), made local",
     fits=lambda system: system.graph is not None and system.labels is not None,
     make=make,
     note_length=lambda _: len(PushNote._fields),
     free=FreeRule(
-        why="priorities are causal, and who follows a push says so first; under the conditions of"
-        " the rule with rounds everybody reaches the goal at some time",
+        why="priorities are causal, and a vehicle that follows a push announces it first;"
+        " under the conditions of the rule with rounds every vehicle reaches its goal at some time",
         make=free_pibt.make,
         note_length=lambda _: len(free_pibt.PushRegister._fields),
     ),

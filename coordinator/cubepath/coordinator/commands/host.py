@@ -54,7 +54,7 @@ def add_host_certificates(certificates: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME|IP",
-        help="names and addresses of the host of the router, besides localhost",
+        help="names and addresses of the router's host, in addition to localhost",
     )
     certificates.add_argument(
         "--days", type=whole(1), default=365, metavar="D", help="valid for D days (default 365)"

@@ -135,7 +135,7 @@ def verified(
 
         cut = "messages are missing" if found.missing.messages else "the run was cut off"
         because = why_partial(recording) or cut
-        lines.append(f"complete: false; {because}, and this is fine as far as it goes")
+        lines.append(f"complete: false; {because}, and this part is fine")
     lines += [
         f"choices {check.detail}"
         for check in found.checks

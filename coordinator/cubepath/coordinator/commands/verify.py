@@ -50,7 +50,7 @@ def add_verify(verify: argparse.ArgumentParser) -> None:
         "--of",
         type=input_path,
         metavar="INPUT",
-        help="LOG is a certificate, or a cubes file with one beside it, of the path in INPUT",
+        help="LOG is a certificate, or a cubes file next to one, of the path in INPUT",
     )
     verify.add_argument(
         "--system", metavar="SYSTEM", help="with --of: the system that the moves of INPUT name"
@@ -132,7 +132,7 @@ def _verify_of_a_path(options: argparse.Namespace, given: Source) -> int:
     source: Path = options.logs[0]
     cubes_file: Path | None = options.cubes
     if source.suffix == ".jsonl" and cubes_file is not None:
-        raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
+        raise InputError(f"{source}: a schedule already, expected no --cubes")
     check_files(options, [source, options.of, cubes_file])
     with opened(given) as file:
         if FORMS["following timetable"].holds(file):

@@ -145,7 +145,9 @@ def sweep(
     table = {key: _plain(value) for key, value in given.items() if value is not None}
     if isinstance(systems, Sweep):
         if table:
-            raise InputError(f"{next(iter(table))}: given beside a Sweep, expected it there")
+            raise InputError(
+                f"{next(iter(table))}: given together with a Sweep, expected it in the Sweep"
+            )
         asked = systems
     else:
         names = [str(systems)] if isinstance(systems, str | Path) else [str(s) for s in systems]

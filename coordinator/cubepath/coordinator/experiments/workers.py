@@ -148,7 +148,7 @@ class Cluster:
         self._executor: Any = None
 
     def start(self) -> Executor:
-        """Connect; InputError if dask is not installed, CheckError if nobody answers."""
+        """Connect; InputError if dask is not installed, CheckError if there is no answer."""
         try:
             import distributed  # noqa: PLC0415 - an extra
         except ImportError:

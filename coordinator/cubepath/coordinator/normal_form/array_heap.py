@@ -281,7 +281,7 @@ class NumberedHeap:
     def normal_form(self) -> NormalForm:
         """Return what became of each move so far; ValueError if the heap is not `telling`."""
         if not self._telling or self._journal is None:
-            raise ValueError("the heap was not asked to tell what becomes of all moves")
+            raise ValueError("the heap was not asked to record what becomes of all moves")
         return self._journal.normal_form()
 
 

@@ -192,7 +192,9 @@ class Answers:
         except BaseException as error:
             self._session.close()
             if isinstance(error, zenoh.ZError):  # the router may just have gone
-                raise CubepathError(f"nobody can ask the run at {endpoint}: {error}") from error
+                raise CubepathError(
+                    f"no client can query the run at {endpoint}: {error}"
+                ) from error
             raise
 
     def set(self, status: Status) -> None:
@@ -271,7 +273,7 @@ def _read(sample: zenoh.Sample) -> _Answer | None:
 def ask_path(session: zenoh.Session, run: str, begin: int, timeout_s: float) -> list[Released]:
     """Return the moves of a run without rounds from a place on, `MOVES_MAX` at most.
 
-    None are returned where nobody answers in time, or with anything else.
+    None are returned where no answer comes in time, or with anything else.
     """
     for each in session.get(f"{path_key(run)}?from={begin}", timeout=timeout_s):
         if each.ok is not None and str(each.ok.key_expr) == path_key(run):

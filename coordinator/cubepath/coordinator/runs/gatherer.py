@@ -129,7 +129,7 @@ class Plausibility:
         if said.process in self._through:
             refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
         if not said.parts:
-            refuse("out of place", f"nothing is said to {said.region}")
+            refuse("out of place", f"no message goes to {said.region}")
         for part in said.parts:
             known = self._said.get((type(part), part.module))
             if known is None:
@@ -139,7 +139,7 @@ class Plausibility:
             elif said.region in self._to[type(part), part.module]:
                 refuse("doubled", f"{_to(part, said)} came before")
             if said.region not in self._regions(part):
-                refuse("out of place", f"{_to(part, said)}: nobody is there to hear it")
+                refuse("out of place", f"{_to(part, said)}: no module is there to receive it")
 
     def _check_part(self, part: Part) -> None:
         """Check what a module says, apart from where it goes."""
@@ -162,7 +162,7 @@ class Plausibility:
             refuse("impossible", f"{name}, which claims nothing")
         due = self._waiting_for(verdict.module)
         if {_encode(place) for place in verdict.to} != {_encode(place) for place in due}:
-            refuse("impossible", f"{name}: it goes to others than those who wait for it")
+            refuse("impossible", f"{name}: it goes to modules other than those that wait for it")
 
     def _take_said(self, said: Bundle) -> None:
         self._counts.setdefault(said.process, Counter())[said.region] += 1

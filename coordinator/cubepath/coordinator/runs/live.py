@@ -78,7 +78,9 @@ class Divergence:
         who = "" if self.module is None else f", module_{self.module}"
         lines = [f"round {self.round}{who}: {self.live}; on record {self.recorded}"]
         if self.site is not None:
-            lines.append("; ".join([f"it stood at {self.site}", *(self.sensed or ["saw nobody"])]))
+            lines.append(
+                "; ".join([f"it stood at {self.site}", *(self.sensed or ["saw no module"])])
+            )
         return "\n".join(lines)
 
 

@@ -84,7 +84,7 @@ class RunOptions:
             str,
             Meta(
                 description="let others listen at tcp/HOST:PORT or tls/HOST:PORT, and join with"
-                " --wait-for (default: nobody else can)",
+                " --wait-for (default: no one can)",
                 extra=_ENDPOINT,
             ),
         ]

@@ -185,7 +185,7 @@ def _check_lockstep(plan: Plan) -> None:
         ("resume", plan.resume, None),
     ):
         if value != default:
-            raise InputError(f"{key}: only for runs without rounds, expected clock=free beside it")
+            raise InputError(f"{key}: only for runs without rounds, expected clock=free")
     if plan.log_time == "level":
         raise InputError("log-time=level: only for runs without rounds, expected round or wall")
 
@@ -241,7 +241,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> RunTask:
     if plan.hesitate:
         raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
     if plan.rule is not None and not plan.repair:
-        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair continues with one")
     from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule, with_end  # noqa: PLC0415 - few runs have one
 
     schedule = read_schedule(path)

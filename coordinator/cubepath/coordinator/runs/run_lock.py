@@ -65,11 +65,12 @@ class RunLock:
     def hold(self) -> Generator[None]:
         """Keep others from going on; CheckError if another thread does so, or a round is played."""
         if not self._lock.acquire(blocking=False):
-            raise CheckError("another thread goes on with this run: expected one at a time")
+            raise CheckError("another thread is using this run: expected one at a time")
         try:
             if self._acting:
                 raise CheckError(
-                    "a round is under way: who listens may look at the run and stop it, not go on"
+                    "a round is under way: a callback may look at the run and stop it, but"
+                    " not continue it"
                 )
             yield
         finally:

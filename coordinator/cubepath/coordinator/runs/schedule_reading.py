@@ -148,7 +148,7 @@ def _nobody(action: Action, on: frozenset[Site]) -> str:
     ends = [end & action.trace for end in action.ends]
     missing = [in_order(end - on)[0] for end in ends if end - on]
     if len(missing) == len(ends):
-        return f"nobody stands at {' or '.join(map(site_text, dict.fromkeys(missing)))}"
+        return f"no module stands at {' or '.join(map(site_text, dict.fromkeys(missing)))}"
     taken = in_order({site for end in ends if end <= on for site in on - end})
     if not taken:
         return "no module there makes it, or takes all along whom it moves"

@@ -187,7 +187,7 @@ def _own_scene(given: PathInput) -> Scene:
             if len(before) != len(after) or not before:
                 raise InputError(
                     f"{path}: move {number}: {len(before)} modules before and {len(after)} after,"
-                    " expected as many, and at least one, or nobody can be followed"
+                    " expected as many, and at least one, to be followable"
                 )
             motion = tuple(zip(before, after, strict=True))
             listed[move.action] = Move(move.action, "move", number, motion)

@@ -56,7 +56,7 @@ def check_certificate(
     >>> list(found), any(found.values())
     (['form', 'cancelled', 'schedule', 'reduced', 'chain', 'end'], False)
     >>> check_certificate(proof, [right, left])["end"]
-    'it says what is on at the end, but nobody knows what is on at the start'
+    'it says what is on at the end, but what is on at the start is unknown'
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
@@ -104,7 +104,7 @@ def _end(
     certificate: Certificate, path: Sequence[Action], start: frozenset[Site] | None
 ) -> str | None:
     if start is None:
-        return "it says what is on at the end, but nobody knows what is on at the start"
+        return "it says what is on at the end, but what is on at the start is unknown"
     after_path, after_cubes = set(start), set(start)
     why = _carry_out(after_path, ((f"path, move {n}", each) for n, each in enumerate(path, 1)))
     cubes = enumerate(certificate.cubes, 1)

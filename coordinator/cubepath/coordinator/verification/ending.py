@@ -86,7 +86,7 @@ class OutcomeCheck:
         for each in self._ends:
             due = self._due(each, transcript)
             if due is not None and (each.round < last or went_on):
-                self._fail(CHECK, f"it goes on after round {each.round}: {_text(due)}")
+                self._fail(CHECK, f"it continues after round {each.round}: {_text(due)}")
         if summary is None:
             return
         due = None if went_on else self._due(self._last, transcript)
@@ -256,7 +256,10 @@ def _check_schedule_told(
         if told != due:
             fail("schedule", f"module_{due[1]} gave up in round {last}: {due[2]}")
     elif stopped is not None and (stopped.round, stopped.module) != (last + 1, None):
-        fail("schedule", f"the summary says it stopped at round {stopped.round}, nobody else does")
+        fail(
+            "schedule",
+            f"the summary says it stopped at round {stopped.round}, no other module does",
+        )
     if stopped is not None and not _was_due(stopped, cubes, transcript):
         fail("schedule", f"it did not stop for {stopped.move.generator}: not due, or it was made")
 

@@ -60,11 +60,11 @@ from cubepath.protocol.wire.messages import Summary, encode
 FREE_CHECKS = {
     "readable": "the file is whole",
     "parameters": "they are those of a run, and fit the scene",
-    "messages": "each message decodes, under its own topic and log time, and names who there is",
+    "messages": "each message decodes, has its own topic and log time, and names real modules",
     "complete": "the run came to its end, unless recovered: a summary, all cubes, all at rest",
     "serials": "the commits of each keeper are numbered without gap, and no number has two",
     "versions": "each version of a unit or a module follows on the one before, and none has two",
-    "readers": "whoever overwrites a version counts those who read it",
+    "readers": "a move that overwrites a version counts its readers",
     "order": "all can have happened one after another, each guard while its version stood",
     "units": "a move reads its support and writes its trace, and nothing else",
     "admissible": "every move was admissible when it was made",

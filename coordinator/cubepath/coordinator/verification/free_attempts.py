@@ -332,7 +332,7 @@ class Attempts:
                 self._fail("registers", f"{name} writes {content}, its attempt has {new}")
         for at, (shown, _) in asked.items():
             if at not in here and shown:
-                self._fail("registers", f"{name}: nobody is at {_text(at)}, {shown} was sensed")
+                self._fail("registers", f"{name}: no module is at {_text(at)}, {shown} was sensed")
 
     # What keepers say.
 
@@ -352,7 +352,7 @@ class Attempts:
         if said.to not in (processes if said.told else chain):
             self._lack(
                 "decisions",
-                f"{said.where}: who is told has nothing to do with it",
+                f"{said.where}: its receiver has nothing to do with it",
                 excused=said.told and not processes and self._unasked(name),
             )
         if said.keeper not in chain:
@@ -399,7 +399,7 @@ class Attempts:
         changed = changed_by(moved)
         told = [occupant.module for _, occupant in decision.occupants]
         if sorted(told) != sorted(changed):
-            self._fail("decisions", f"{said.where}: it tells of other modules than it changed")
+            self._fail("decisions", f"{said.where}: it names modules other than those it changed")
         for site, occupant in decision.occupants:
             if occupant.version != changed.get(occupant.module):
                 name_of_it = f"module_{occupant.module}"
@@ -460,7 +460,7 @@ class Attempts:
             if at is None or self._system.place_of(at) not in {
                 site_in(place) for place, *_ in attempt.notes
             }:
-                self._fail("decisions", f"{where}: nobody asked for the register at {value!r}")
+                self._fail("decisions", f"{where}: no request was for the register at {value!r}")
 
     def _of(self, value: Json) -> int:
         unit = site_in(value)

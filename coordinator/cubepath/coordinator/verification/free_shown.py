@@ -111,7 +111,7 @@ class VisibilityCheck:
             self._losses.lack(
                 self._fail,
                 "place",
-                f"{where}: nobody has asked for all of tile {message.tile}",
+                f"{where}: no request was for all of tile {message.tile}",
                 excused=self._losses.of_processes or self._losses.resumed,
             )
         if not message.whole:
@@ -304,7 +304,7 @@ class Tails:
     ) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
-            yield f"keeper_{keeper} does not tell how many commits it has"
+            yield f"keeper_{keeper} does not say how many commits it has"
             return
         where, tail = last
         if tail.serial != len(self._said.commits.serials(keeper)):
@@ -316,7 +316,7 @@ class Tails:
         # With commits left to tell, a keeper tells of no unit yet.
         if not tail.prepared and (not tail.parts or tail.parts[-1].serial == tail.serial):
             for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
-                yield f"{where}: it does not tell of {site_text(unit)}"
+                yield f"{where}: it leaves out {site_text(unit)}"
 
     def _check_unit(self, where: Record, told: tuple[Json, int, int, int, Json]) -> None:
         value, version, level, reads, shown = told

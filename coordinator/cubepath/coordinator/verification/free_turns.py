@@ -274,7 +274,7 @@ class TurnsOfModules:
             self._not_shown(turn, why, [self._tiles.keeper_of(near)])
         if there.module is None:
             if module_version:
-                why = f"nobody was at {site_text(near)} at version {version}"
+                why = f"no module was at {site_text(near)} at version {version}"
                 self._fail("turns", f"{turn_text(turn)}: {why}")
         else:
             standing = self._history.module(there.module, module_version)

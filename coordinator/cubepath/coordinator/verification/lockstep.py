@@ -47,7 +47,7 @@ CHECKS = {
     "hearing": "no module missed what was said to it",
     "choices": "each module chose, noted and gave up as its rule does, with the seed's randomness",
     "schedule": "the rounds are the cubes of the schedule, if there is one, up to where it stopped",
-    "stages": "a run that goes on from a recording names who followed which rule from which round",
+    "stages": "a run that continues a recording names the rule of each module from each round on",
     "dependencies": "what is not undone finds its sites at the same versions in rounds and cubes",
     "edges": "the coordinator's edges are the moves reported",
     "normal": "no action of a cube is in the cube before or commutes with all of it",
@@ -83,7 +83,7 @@ def verify_lockstep(
     seed = seed_in(told)
     seed_lost = "seed" not in told and bool(recording.problems or RECOVERED in told)
     if seed is None and not seed_lost:
-        failures.stage(1)("claims", "the recording names no seed, so nobody's rank is known")
+        failures.stage(1)("claims", "the recording names no seed, so no rank is known")
     derived = Rederivation(recording.scene, seed, failures.stage(1), stages)
     course = OutcomeCheck(recording, failures.stage(2))
     playing = None if player is None else player()
@@ -133,5 +133,5 @@ def _unchecked(playing: RoundPlayer | None, *, seed_lost: bool) -> dict[str, str
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     found = {} if why is None else {"choices": f"not checked: {why}"}
     if seed_lost:
-        found["claims"] = "not checked: the seed is lost, so nobody's rank is known"
+        found["claims"] = "not checked: the seed is lost, so no rank is known"
     return found

@@ -129,7 +129,7 @@ class Pacing:
             self._stopped = True
             return
         if self._stopped:
-            self._fail(CHECK, f"{where}, after all were told to stop")
+            self._fail(CHECK, f"{where}, after all were ordered to stop")
         if (go.phase, go.round - self.round) not in _AFTER[self.phase]:
             self._fail(CHECK, f"{where} after phase {self.phase} of round {self.round}")
         unheard = self._attached and self.phase == "join"

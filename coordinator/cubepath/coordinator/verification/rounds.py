@@ -402,7 +402,7 @@ class Rederivation:
         elif verdict.granted != granted:
             self._fail("claims", f"{where}: granted is {verdict.granted}, by rank it is {granted}")
         if {site_in(place) for place in verdict.to} != waiting:
-            self._fail("claims", f"{where}: it goes to others than those who wait for it")
+            self._fail("claims", f"{where}: it goes to modules other than those that wait for it")
 
     def _check_hearing(self, said: RecordedRound) -> None:
         standing = {self._place(site): module for module, site in enumerate(self.sites)}

@@ -135,7 +135,7 @@ def _moves(path: Path, scenario: PlannerInstance) -> Iterator[PathMove]:
             for cell in (source, target):
                 _expect(cell in free, f"{text(cell)} is an obstacle or outside, expected free")
             adjacent = (source, target) in edges or (target, source) in edges
-            _expect(adjacent, "no edge of the grid, expected a step to a cell beside")
+            _expect(adjacent, "no edge of the grid, expected a step to a neighbouring cell")
             _expect(source in taken, f"{text(source)} is empty, expected a vehicle")
             _expect(target not in taken, f"{text(target)} is occupied, expected it empty")
         except InputError as error:

@@ -229,7 +229,7 @@ class _Scan:
                 return None
             found = searched
         self.found.problems.append(
-            f"corrupt at byte {offset}: a record is damaged, reading goes on at byte {found}"
+            f"corrupt at byte {offset}: a record is damaged, reading continues at byte {found}"
         )
         return found
 

@@ -318,7 +318,7 @@ def open_part(graph: Graph, share: str, stream: Stream) -> Graph:
     )
     largest = max(_parts(left), key=len, default=set[Site]())
     if len(largest) < 2:
-        raise InputError(f"open={share}: no two vertices beside each other are open")
+        raise InputError(f"open={share}: no two neighbouring vertices are open")
     return Graph(
         tuple(vertex for vertex in left.vertices if vertex in largest),
         tuple(edge for edge in left.edges if largest.issuperset(edge)),
@@ -374,7 +374,7 @@ def random_triangulation(system: FlipSystem, stream: Stream) -> frozenset[Edge]:
 _MOVES_MAX = 100_000
 _WORK_MAX = 1_000_000
 """The most moves times modules: at every step all modules are asked what they can do."""
-WALK_KEY = ("", "the goal is where so many random moves lead, so it can be reached")
+WALK_KEY = ("", "the goal is where this many random moves lead, so it can be reached")
 
 
 def walk_length(values: Values, modules: int) -> int | None:

@@ -225,7 +225,7 @@ def check_secure(endpoint: str, secure: Path | None) -> None:
 
 def without_tls(endpoint: str) -> str:
     """Return what to tell of a router that asks nobody who they are."""
-    return f"listening on {endpoint} without TLS: whoever can connect can speak for any module"
+    return f"listening on {endpoint} without TLS: any client that connects can speak for any module"
 
 
 def _guard(routing: Routing) -> Mapping[str, Any]:

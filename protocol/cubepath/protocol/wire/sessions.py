@@ -135,7 +135,7 @@ def open_router(
                 port = str(locator).partition("?")[0].rpartition(":")[2]
                 return session, f"{endpoint.removesuffix('0')}{port}"
     session.close()
-    raise CubepathError("the zenoh router did not tell on which port it listens")
+    raise CubepathError("the zenoh router did not report the port it listens on")
 
 
 def reachable(endpoint: str) -> str:
@@ -199,7 +199,7 @@ def open_client(
             if most is None:
                 most = _STILL_S_MAX if silent else _GONE_S_MAX
             if now - began >= most:
-                why = "nobody answers"
+                why = "no answer"
                 if silent:
                     why += f" within {_OPEN_S:g} s"
                 elif not endpoint.startswith("tcp/"):

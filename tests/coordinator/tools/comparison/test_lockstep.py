@@ -155,7 +155,7 @@ def test_what_was_drawn_is_the_cause_of_another_seed() -> None:
     assert found.choice.a.sensed == found.choice.b.sensed
     assert found.choice.a.drew != found.choice.b.drew
     assert found.choice.a.by_rule == found.choice.a.chose != found.choice.b.chose
-    assert "it sensed and was told the same in both, in this round and all before" in str(found)
+    assert "it sensed and heard the same in both, in this round and all before" in str(found)
 
 
 def test_a_rank_is_the_cause_of_another_outcome() -> None:

@@ -302,7 +302,7 @@ def test_two_systems_of_one_family_are_compared() -> None:
 def test_a_damaged_copy_never_chooses_otherwise(
     name: str, at: float, bit: int, truncated: bool
 ) -> None:
-    """Whatever is lost: that it is damaged is said, and nothing is said to differ."""
+    """Whatever is lost: that it is damaged is said, and no message goes to differ."""
     whole = GOLDEN / f"{name}.mcap"
     data = bytearray(whole.read_bytes())
     place = min(int(len(data) * at), len(data) - 1)

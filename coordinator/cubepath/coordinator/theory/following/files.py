@@ -55,7 +55,7 @@ def read_vehicle_plan(
         if form.name == "recording":
             raise InputError(f"{path}: a recording, whose rounds are cubes already; {_EXPECTED}")
         if not form.plan and hints.format is None:
-            raise InputError(f"{path}: {form.what}, in which no vehicles are told; {_EXPECTED}")
+            raise InputError(f"{path}: {form.what}, which names no vehicles; {_EXPECTED}")
         spec = hints.format or form.name
         found = read_plan(file, spec, companions=hints.companions, system=system)
         if found.vehicles is None:

@@ -96,7 +96,7 @@ def watch_elsewhere(options: argparse.Namespace) -> int:
     for name in ("input", "other", "out", "system", "of", "format", "rate"):
         if getattr(options, name):
             option = _OPTIONS.get(name, f"--{name}")
-            raise InputError(f"--connect: follows a run that goes on, expected no {option}")
+            raise InputError(f"--connect: follows a running run, expected no {option}")
     interrupted = False
     with watch_run(
         options.connect, options.run, port=options.live or 0, secure=options.secure

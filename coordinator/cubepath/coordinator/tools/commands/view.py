@@ -52,7 +52,7 @@ def add_view(view: argparse.ArgumentParser) -> None:
         type=input_path,
         nargs="?",
         metavar="OTHER",
-        help="another run or path, to show beside the first in a browser (.html)",
+        help="another run or path, to show next to the first in a browser (.html)",
     )
     view.add_argument(
         "-o",

@@ -126,7 +126,7 @@ def explain_choice(
         b = follow(readings[1], module, number, [two, one])
     except Contradiction as error:
         empty = ChoiceContext("", {}, {}, "")
-        line = f"{error}: the record contradicts itself, so nothing is told of why"
+        line = f"{error}: the recording contradicts itself, so there is no explanation"
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
     scene = scenes_text(*(reading.recording.scene for reading in readings))
     causes, why = _causes((a, b), (one, two), changed, since, scene)
@@ -262,10 +262,10 @@ def _surroundings(
             which += " and all before"
         elif before < now:
             which += f" and those before from round {before} on"
-        yield f"it sensed and was told the same in both, {which}"
+        yield f"it sensed and heard the same in both, {which}"
         return
     if a.inputs[now] == b.inputs[now]:
-        yield f"it senses and is told the same now, and was not so in round {other}"
+        yield f"it senses and hears the same now, but did not in round {other}"
         return
     if a.site != b.site:
         yield f"it stands at {site_text(a.site)} in a, and at {site_text(b.site)} in b"
@@ -301,7 +301,7 @@ def _other_places(a: ModuleHistory, b: ModuleHistory, met: set[int]) -> Iterator
         met.update(map(_module_in, modules))
     for name, count in zip(NAMES, alone, strict=True):
         if count:
-            yield f"in {name} alone it senses {counted(count, 'more place')}, with nobody there"
+            yield f"in {name} alone it senses {counted(count, 'more place')}, with no module there"
 
 
 def _module_in(text: str) -> int:
@@ -387,7 +387,7 @@ def _contest(
         if each != module and not commute(action, own[1])
     ]
     if not rivals:
-        yield "nobody else claims anything that conflicts"
+        yield "no other module claims anything that conflicts"
     for rival in rivals:
         what = f"module_{rival} claims {claims[rival][0]}"
         come = _outcome_text(said, rival)

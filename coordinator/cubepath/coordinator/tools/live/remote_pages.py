@@ -313,7 +313,7 @@ class RemoteRunPage:
     ) -> None:
         """Leave the run, and serve the page no more."""
         if self.ended is None:
-            self._end("left", "whoever fed this page has left the run")
+            self._end("left", "the process that fed this page has left the run")
         self._session.close()
         try:
             self._server.leave()

@@ -94,7 +94,9 @@ def _hex(name: str, values: Values) -> Scene:
     filled: tuple[Cell, ...] = ()
     if whole(values, "base", least=0, most=1):
         if turns[bend] == 0:
-            raise InputError("bend=0: with base=1 the goal begins beside the base, expected a bend")
+            raise InputError(
+                "bend=0: with base=1 the goal begins next to the base, expected a bend"
+            )
         filled = ((-1, 0),)
         ahead = HEX_DIRECTIONS[3 - turns[bend]]
         head = (ahead[0] - 1, ahead[1])

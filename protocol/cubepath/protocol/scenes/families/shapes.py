@@ -135,7 +135,7 @@ def _keys(beside: tuple[Cell, ...]) -> dict[str, tuple[str, str]]:
 FAMILIES = (
     Family(
         "hex-shapes",
-        "hexagons from one random shape to another, or as far as a walk leads",
+        "hexagons from one random shape to another, or wherever a random walk leads",
         {
             **_keys(SIX),
             "catalogue": ("1", "1 keeps the topology, 2 may split, in a box three cells wider"),
@@ -145,7 +145,7 @@ FAMILIES = (
     ),
     Family(
         "sliding-shapes",
-        "squares from one random shape to another, or as far as a walk leads, in a box",
+        "squares from one random shape to another, or wherever a random walk leads, in a box",
         {
             **_keys(FOUR),
             "k": ("", "longest run that slides is k + 1 cells; n - 1 when left out, all there is"),
