@@ -44,19 +44,19 @@ settings.register_profile(
 settings.load_profile("cubepath")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is thorough, and that as slow, before any test is deselected."""
-    cases: Counter[str] = Counter()
-    for item in items:
-        few = item.get_closest_marker("few")
-        if few is not None:
-            test = item.nodeid.partition("[")[0]
-            cases[test] += 1
-            if cases[test] > few.args[0]:
-                item.add_marker("thorough")
-        if item.get_closest_marker("thorough"):
-            item.add_marker("slow")
+_cases: Counter[str] = Counter()
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark what is thorough, and that as slow: here cases still come in their own order."""
+    few = item.get_closest_marker("few")
+    if few is not None:
+        test = item.nodeid.partition("[")[0]
+        _cases[test] += 1
+        if _cases[test] > few.args[0]:
+            item.add_marker("thorough")
+    if item.get_closest_marker("thorough"):
+        item.add_marker("slow")
 
 
 def pytest_collection_finish() -> None:

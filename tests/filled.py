@@ -40,9 +40,9 @@ def filled(struct: type[S], **given: object) -> S:
 
     What is `given` has this value in the fields of that name, if there are any.
 
-    >>> from cubepath.protocol.wire.messages import Here
+    >>> from cubepath.protocol.wire.messages import Presence
     >>> filled(Presence)
-    Here(round=1, module=2, site=[3, 'text 4'])
+    Presence(round=1, module=2, site=[3, 'text 4'])
     """
     made: S = _Filler().values(inspect.type_info(struct))[0]
     known = {name: value for name, value in given.items() if name in struct.__struct_fields__}

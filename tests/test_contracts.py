@@ -27,7 +27,7 @@ TYPES: dict[str, type[Contract]] = {"forbidden": ForbiddenContract, "layers": La
 BREAKS = {
     "the coordinator may use agents and protocol, agents the protocol, the protocol neither": (
         "protocol.plans.plain",
-        "agents.rendering.pen",
+        "agents.rendering.style",
     ),
     "the protocol: each package may use those below it": (
         "protocol.path_files.schedules",

@@ -20,7 +20,7 @@ ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each
 OPEN = {
     *("messages", "free_messages", "membership", "asking"),
     "GeneratorPlacement of catalogue",
-    *("PlayerStatus of orders", "Position of orders", "Refusal of orders"),
+    *("PlayerStatus of machine", "Position of machine", "Refusal of machine"),
     *("KindCount of description", "_Part of description", "_Batch of description"),
     *("cgshop2021", "cgshop2026", "_Other of certificates"),
     *(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from bench_improve import WALK, walks
 
-from cubepath.coordinator.theory.optimality.optimality_proof import proof_of
+from cubepath.coordinator.theory.optimality.tasks import proof_of
 from cubepath.coordinator.theory.proof_checking.optimality import check_optimality
 from cubepath.coordinator.theory.satisfiability.encoding import encode, prepare
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves

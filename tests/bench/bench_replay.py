@@ -32,11 +32,9 @@ from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from cubepath.coordinator.playback.machine import Machine
-from cubepath.coordinator.playback.orders import Seek
+from cubepath.coordinator.playback.machine import Machine, Seek
 from cubepath.coordinator.playback.player import replay
-from cubepath.coordinator.playback.segments import RecordedStates
-from cubepath.coordinator.playback.selection import SAID, KeyMapping, PlayedMessages
+from cubepath.coordinator.playback.selection import SAID, KeyMapping, PlayedMessages, RecordedStates
 from cubepath.coordinator.playback.timeline import Timeline
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record

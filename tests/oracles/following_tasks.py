@@ -5,7 +5,9 @@ from __future__ import annotations
 from itertools import product
 from random import Random
 
-from cubepath.coordinator.theory.following.encoding import VehicleTask
+import numpy as np
+
+from cubepath.coordinator.theory.following.optimum import VehicleClauses, VehicleTask
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.protocol.core.sites import Site
 from oracles.vehicle_rounds import Cell, first_wrong
@@ -63,3 +65,9 @@ def exhaustive(task: VehicleTask) -> list[tuple[Cell, ...]] | None:
         seen = seen | found
         front = found
     return None
+
+
+def one_by_one(clauses: VehicleClauses) -> list[list[int]]:
+    """Return the clauses as lists."""
+    found = np.split(clauses.literals, clauses.ends)[:-1]
+    return [clause.tolist() for clause in found]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.state import GRANTED, LOST
+from cubepath.agents.arrays.rounds import GRANTED, LOST
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.system import Scene
 

@@ -1,4 +1,4 @@
-"""The command line, in a process of its own with the standard streams that a test gives it."""
+"""The command line, in this process or in its own with the standard streams that a test gives."""
 
 from __future__ import annotations
 
@@ -24,6 +24,18 @@ def cubepath(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedPro
     return subprocess.run(
         [*PYTHON, *map(str, arguments)], text=True, timeout=100, check=False, **given
     )
+
+
+def here(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process, where the process is not what a test is about."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(cwd or Path.cwd()),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        code = main([*map(str, arguments)])
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 def refused(*arguments: str) -> str:

@@ -1,4 +1,4 @@
-from cubepath.agents.environments.making import (
+from cubepath.agents.environments.free_environment import (
     env as env,
     parallel_env as parallel_env,
     raw_env as raw_env,
@@ -24,7 +24,7 @@ from cubepath.agents.local.random_streams import (
     draw_fraction as draw_fraction,
 )
 from cubepath.agents.locality.check import check_rule as check_rule
-from cubepath.agents.rendering.styles import draw_text as draw_text
+from cubepath.agents.rendering.pictures import draw_text as draw_text
 from cubepath.agents.rules.policy import policy_rule as policy_rule
 from cubepath.agents.rules.registry import rule_named as rule_named
 from cubepath.agents.rules.rule import (

@@ -7,7 +7,7 @@ from cubepath.coordinator.normal_form.definitions import end_state as end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path as normal_cube_path
 from cubepath.coordinator.normal_form.timetable import earliest as earliest
 from cubepath.coordinator.playback.comparing import ReplayResult as ReplayResult
-from cubepath.coordinator.playback.orders import PlayerStatus as PlayerStatus
+from cubepath.coordinator.playback.machine import PlayerStatus as PlayerStatus
 from cubepath.coordinator.playback.player import Player as Player, replay as replay
 from cubepath.coordinator.runs.asking import ask as ask
 from cubepath.coordinator.runs.contents import info as info
@@ -27,8 +27,11 @@ from cubepath.coordinator.theory.complexes.exploration import explore as explore
 from cubepath.coordinator.theory.complexes.export import to_networkx as to_networkx
 from cubepath.coordinator.theory.complexes.homology_groups import homology as homology
 from cubepath.coordinator.theory.complexes.links import check_links as check_links
-from cubepath.coordinator.theory.complexes.macros import lift as lift, macro as macro
-from cubepath.coordinator.theory.complexes.shape_complexes import shape_complex as shape_complex
+from cubepath.coordinator.theory.complexes.shape_complexes import (
+    lift as lift,
+    macro as macro,
+    shape_complex as shape_complex,
+)
 from cubepath.coordinator.theory.complexes.state_complexes import (
     f_vector as f_vector,
     state_complex as state_complex,
@@ -43,7 +46,7 @@ from cubepath.coordinator.theory.following.timetable import (
 )
 from cubepath.coordinator.theory.optimality.optimality_report import beyond as beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of as task_of
-from cubepath.coordinator.theory.paper.registry import PaperClaim as PaperClaim
+from cubepath.coordinator.theory.paper.examples import PaperClaim as PaperClaim
 from cubepath.coordinator.theory.proof_checking.following import check_following as check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds as check_fewest_rounds,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cubepath.agents import parallel_env
-from cubepath.agents.arrays import warming
+from cubepath.agents.arrays import batch as arrays
 from cubepath.agents.arrays.batch import Batch
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -29,6 +29,6 @@ def test_one_set_of_types_serves_every_world(
     env.reset(seed=1)
     env.step(dict.fromkeys(env.agents, 1))
     env.step({})
-    found = [len(each.dispatcher.signatures) for each in warming._kernels()]
+    found = [len(each.dispatcher.signatures) for each in arrays._kernels()]
     assert found[0] == 1
     assert max(found) == 1

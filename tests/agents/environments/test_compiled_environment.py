@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from cubepath.agents.arrays import batch, warming
+from cubepath.agents.arrays import batch
 from cubepath.agents.environments import environment
 from cubepath.agents.environments.array_world import ArrayWorld
 from cubepath.agents.environments.environment import CubepathEnv
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import parallel_env
 from cubepath.agents.environments.world import World
 from cubepath.protocol.compiled import Allowance
 from cubepath.protocol.core.errors import InputError
@@ -135,7 +135,7 @@ def test_the_interface_is_that_of_pettingzoo() -> None:
 def small_allowance(monkeypatch: pytest.MonkeyPatch) -> Allowance:
     """Return the allowance for plain Python, which ends after 40 agent-steps."""
     found = Allowance(40 * 25)
-    monkeypatch.setattr(warming, "allowance", found)
+    monkeypatch.setattr(batch, "allowance", found)
     return found
 
 
@@ -143,7 +143,7 @@ def small_allowance(monkeypatch: pytest.MonkeyPatch) -> Allowance:
 def test_compiled_code_goes_on_where_plain_python_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """As soon as it is ready, in the middle of an episode, and nobody can tell."""
     ready = [False]
-    monkeypatch.setattr(warming, "_compiler", type("Later", (), {"ready": lambda _: ready[0]})())
+    monkeypatch.setattr(batch, "_compiler", type("Later", (), {"ready": lambda _: ready[0]})())
     one = parallel_env("agv:graph=grid3x3,n=4", note_length=1, world="plain")
     other = parallel_env("agv:graph=grid3x3,n=4", note_length=1)
     random = np.random.default_rng(1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.arrays import batch, warming
+from cubepath.agents.arrays import batch
 from cubepath.agents.environments.rollouts import play, play_free, play_in_python, play_many
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT
@@ -134,6 +134,6 @@ def test_a_run_in_compiled_code_is_the_same(monkeypatch: pytest.MonkeyPatch) -> 
     """When enough has been played before."""
     scene = scene_from_spec("hex:n=5")
     expected = play_in_python(scene, CHAIN, seed=2, hesitate=0.2, max_rounds=1000)
-    monkeypatch.setattr(warming, "allowance", Allowance(0))
-    monkeypatch.setattr(warming, "_compiler", type("Ready", (), {"ready": lambda _: True})())
+    monkeypatch.setattr(batch, "allowance", Allowance(0))
+    monkeypatch.setattr(batch, "_compiler", type("Ready", (), {"ready": lambda _: True})())
     assert play(scene, CHAIN, seed=2, hesitate=0.2) == expected

@@ -52,14 +52,11 @@ def legal(masks: Any, random: np.random.Generator) -> Any:
     return np.where(masks, random.random(masks.shape), -1).argmax(axis=1)
 
 
-@pytest.mark.parametrize("transport", ["local", "zenoh"])
 @pytest.mark.parametrize("showing", ["relative", "absolute"])
 @pytest.mark.parametrize("spec", ["agv:graph=C4,n=2", "hex:n=3"])
-def test_rows_are_the_agents_of_pettingzoo(spec: str, showing: Any, transport: Any) -> None:
-    """With what each is given, over several episodes, in arrays and over zenoh."""
-    env = sb3_env(
-        spec, num_envs=2, max_cycles=6, observation=showing, transport=transport, processes=1
-    )
+def test_rows_are_the_agents_of_pettingzoo(spec: str, showing: Any) -> None:
+    """With what each is given, over several episodes."""
+    env = sb3_env(spec, num_envs=2, max_cycles=6, observation=showing)
     twins = [parallel_env(spec, max_cycles=6, observation=showing) for _ in range(2)]
     env.seed(7)
     rows: Any = env.reset()
@@ -156,7 +153,6 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "there.npz").touch()
     for wrong, why in (
         (lambda: sb3_env(SPEC, num_envs=0), "num_envs=0: expected 1 or more"),
-        (lambda: sb3_env(SPEC, num_envs=0, transport="zenoh"), "num_envs=0: expected 1 or more"),
         (lambda: sb3_env(SPEC, observation="odd"), "observation='odd': expected"),  # type: ignore[arg-type]
         (lambda: env.step(np.zeros(2)), "the environments have not been reset yet"),
         (lambda: env.seed(-1), "seed=-1: expected 0 or more"),
@@ -202,9 +198,9 @@ def test_what_is_learned_is_better_than_chance(learned: Path) -> None:
         assert runs.rounds.mean() < chance.rounds.mean() / 2
 
 
-def test_it_goes_on_learning_over_zenoh(learned: Path) -> None:
-    """A model may be trained where modules are in processes of their own."""
-    env = sb3_env(SPEC, max_cycles=10, transport="zenoh", processes=1)
+def test_it_goes_on_learning(learned: Path) -> None:
+    """A model may be trained further in other environments."""
+    env = sb3_env(SPEC, max_cycles=10)
     try:
         model = sb3_contrib.MaskablePPO.load(
             learned.with_suffix(".zip"), env=env, n_steps=16, batch_size=32

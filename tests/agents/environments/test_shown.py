@@ -14,8 +14,7 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
 from cubepath.agents import Choice, InitialKnowledge, Rule, RuleType, View, env as in_turns
 from cubepath.agents.environments.environment import CubepathEnv
-from cubepath.agents.environments.free_environment import FreeEnv
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import FreeEnv, parallel_env
 from cubepath.agents.environments.rollouts import play
 from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import Showing

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import parallel_env
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
 from cubepath.protocol.core.errors import InputError
 

@@ -157,7 +157,6 @@ def told(world: World, module: int) -> list[float]:
     return found
 
 
-@settings(max_examples=60)
 @given(worlds, st.integers(0, 99))
 def test_each_entry_says_what_the_layout_has(world: World, number: int) -> None:
     """All as found from the state by another way; numbers are bounded, and as many as announced."""
@@ -215,7 +214,6 @@ def test_a_scene_looks_the_same_wherever_it_lies(
         assert same == (by == (0, 0))
 
 
-@settings(max_examples=60)
 @given(worlds, st.integers(0, 99))
 def test_what_is_out_of_sight_changes_nothing(world: World, number: int) -> None:
     """Where modules stand that are not sensed, what numbers and goals they have: all the same."""

@@ -219,23 +219,15 @@ def test_a_play_without_an_answer_is_found_and_the_last(monkeypatch: pytest.Monk
     assert finding.text == "fails: hex:n=2, in a run: gave no answer for 2 s"
 
 
-@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("rule", "systems", "why"),
+    ("rule", "system", "why"),
     [
-        ("nonesuch", ["hex:n=3"], "unknown rule 'nonesuch', expected one of random"),
-        ("nonesuch", None, "unknown rule 'nonesuch', expected one of random"),
-        ("tswap", ["hex:n=3"], "hex:n=3: not for this system: rule 'tswap'"),
-        ("random", ["hex-connected"], "hex-connected: not a local system"),
-        (f"{CHEATS / 'unfit'}.py:RULE", ["hex:n=3"], "wants more than 3 modules"),
-        ("nowhere.py:RULE", None, "nowhere.py: no such file, expected FILE.py:NAME"),
+        ("random", "hex-connected", "hex-connected: not a local system"),
+        (f"{CHEATS / 'unfit'}.py:RULE", "hex:n=3", "wants more than 3 modules"),
     ],
 )
-def test_what_cannot_be_checked_is_bad_input(
-    rule: str, systems: list[str] | None, why: str
-) -> None:
+def test_what_cannot_be_checked_is_bad_input(rule: str, system: str, why: str) -> None:
     """With what was found and what was expected."""
-    with pytest.raises(InputError, match=r".") as error:
-        check_rule(rule, systems)
-    assert why in str(error.value)
+    with pytest.raises(InputError, match=why):
+        check_rule(rule, [system])

@@ -32,6 +32,14 @@ def running(group: int) -> list[str]:
     return found
 
 
+def come_to(count: int, group: int) -> bool:
+    """Wait until a group has so many processes, for some seconds; return whether it has."""
+    until = time.monotonic() + 30
+    while len(running(group)) != count and time.monotonic() < until:
+        time.sleep(0.01)
+    return len(running(group)) == count
+
+
 def test_each_play_is_new(tmp_path: Path) -> None:
     """What a rule has left in the memory of one is not there in the next, nor what it has wrong."""
     rule = f"{CHEATS / 'module_globals'}.py:RULE"
@@ -63,12 +71,9 @@ def test_who_never_answers_is_ended(tmp_path: Path) -> None:
     with ForkServer(1) as server:
         found = server.play(task(f"{CHEATS / 'sleeps'}.py:RULE", tmp_path), 1.0)
         group = server._server.pid
-        assert len(running(group)) == 2
+        assert come_to(2, group)  # on a busy machine the play itself begins later
     assert found.broken == "gave no answer for 1 s"
-    until = time.monotonic() + 30
-    while running(group) and time.monotonic() < until:
-        time.sleep(0.01)
-    assert not running(group)
+    assert come_to(0, group)
 
 
 def test_a_rule_is_asked_what_it_is_for(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cubepath.agents.rendering.backdrop import still
+from cubepath.agents.rendering.pictures import still
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec

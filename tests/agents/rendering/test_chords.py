@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.rendering import chords
-from cubepath.agents.rendering.pen import palette
-from cubepath.agents.rendering.pictures import draw_on, frame
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import draw_on, draw_text, frame
+from cubepath.agents.rendering.style import palette
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

@@ -8,9 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.legend import Legend, legend_of
-from cubepath.agents.rendering.pen import Shot
-from cubepath.agents.rendering.pictures import frame
+from cubepath.agents.rendering.pictures import Legend, frame, legend_of
+from cubepath.agents.rendering.style import Shot
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from cubepath.agents.rendering.pen import palette
-from cubepath.agents.rendering.pictures import draw_on, draw_pixels, frame
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import draw_on, draw_pixels, draw_text, frame
+from cubepath.agents.rendering.style import palette
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene

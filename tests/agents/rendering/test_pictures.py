@@ -15,9 +15,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.pen import INK, WALL, palette
-from cubepath.agents.rendering.pictures import colours, draw_on, draw_pixels, extent, frame
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import (
+    colours,
+    draw_on,
+    draw_pixels,
+    draw_text,
+    extent,
+    frame,
+)
+from cubepath.agents.rendering.style import INK, WALL, palette
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError

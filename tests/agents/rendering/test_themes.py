@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from matplotlib.colors import to_rgb
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     DARK,
     GHOST,
     GOAL,

@@ -22,7 +22,7 @@ def chains(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=4, derandomize=True)
+@settings(max_examples=4, derandomize=True)
 @given(chains(), paces())
 def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and modules that lose their memory."""
@@ -33,7 +33,7 @@ def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(chains(), paces())
 def test_very_many_chains_reach_their_goals(scene: Scene, pace: Pace) -> None:
     """The same, on many more."""

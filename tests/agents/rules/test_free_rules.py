@@ -132,7 +132,7 @@ def test_random_makes_ten_thousand_legal_moves() -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.integers(1, 9), paces())
 def test_every_word_is_spelt(n: int, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and segments that lose their memory."""

@@ -85,7 +85,7 @@ def crowded(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=25, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(crowded(), paces())
 def test_every_connected_instance_is_reached(scene: Scene, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and vehicles that lose their memory."""
@@ -94,7 +94,7 @@ def test_every_connected_instance_is_reached(scene: Scene, pace: Pace) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=350, derandomize=True)
+@settings(max_examples=350, derandomize=True)
 @given(crowded(), paces())
 def test_very_many_connected_instances_are_reached(scene: Scene, pace: Pace) -> None:
     """The same, on many more."""

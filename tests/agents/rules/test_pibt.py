@@ -74,7 +74,7 @@ def check_promise(scene: Scene, seed: int, hesitate: float) -> None:
     assert not missing
 
 
-@settings(deadline=None, max_examples=20, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 @given(without_cut_vertices(), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_each_gets_to_its_goal_where_no_vertex_cuts(
     scene: Scene, seed: int, hesitate: float
@@ -84,7 +84,7 @@ def test_each_gets_to_its_goal_where_no_vertex_cuts(
 
 
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(without_cut_vertices(), st.integers(0, 99), st.sampled_from([0.0, 0.3, 0.7]))
 def test_each_gets_to_its_goal_in_many_more_instances(
     scene: Scene, seed: int, hesitate: float

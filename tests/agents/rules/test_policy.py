@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.free_environment import parallel_env
 from cubepath.agents.environments.rollouts import play, play_in_python, play_many
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.locality.check import check_rule
@@ -23,7 +23,7 @@ from cubepath.protocol.wire.messages import Executed
 from marked import some
 from oracles.plain_steps import COMPILED, PLAIN, plain_steps
 from oracles.stacked import Side
-from processes.command_line import cubepath
+from processes.command_line import here
 from samples.local_families import LOCAL_FAMILIES
 
 SHOWINGS: list[Showing] = ["absolute", "relative"]
@@ -219,7 +219,7 @@ def test_a_policy_of_a_file_runs_on_the_wire_as_in_the_environment(tmp_path: Pat
     file.write_text(FILE)
     spec = "agv:graph=grid3x3,n=3"
     options = ["--rule", "policies.py:DRAWN", "--seed", "4", "--processes", "2", "--json"]
-    done = cubepath("run", spec, *options, "--max-rounds", "12", cwd=tmp_path)
+    done = here("run", spec, *options, "--max-rounds", "12", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     rule = policy_rule("drawn", drawn_rows, observation="relative", batched=True, random=True)

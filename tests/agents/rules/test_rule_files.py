@@ -11,7 +11,7 @@ from cubepath.agents.rules.registry import rule_in_file, rule_named, rules
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from processes.command_line import cubepath, refused
+from processes.command_line import here, refused
 
 RULES = """
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def test_what_is_wrong_is_one_line(file: Path, name: str, why: str) -> None:
 def test_a_run_takes_a_rule_from_a_file(file: Path, processes: str) -> None:
     """In one process and in several; the recording says which, and its name has no path."""
     options = ["--rule", f"./{file.name}:LAST", "--max-rounds", "3", "--processes", processes]
-    done = cubepath("run", "hex:n=3", *options, "--json", cwd=file.parent)
+    done = here("run", "hex:n=3", *options, "--json", cwd=file.parent)
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["moves"] > 0

@@ -112,7 +112,7 @@ def connected_scenes(draw: st.DrawFn) -> Scene:
     return scene_on(edges, starts, goals)
 
 
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 @given(connected_scenes(), st.integers(0, 99), st.sampled_from([0.0, 0.3]))
 def test_every_connected_instance_is_reached(scene: Scene, seed: int, hesitate: float) -> None:
     """On connected graphs every vehicle set reaches every goal set, hesitation or not."""
@@ -120,7 +120,7 @@ def test_every_connected_instance_is_reached(scene: Scene, seed: int, hesitate: 
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=1000, derandomize=True)
+@settings(max_examples=1000, derandomize=True)
 @given(connected_scenes(), st.integers(0, 999), st.sampled_from([0.0, 0.3, 0.7]))
 @pytest.mark.thorough
 def test_very_many_connected_instances_are_reached(

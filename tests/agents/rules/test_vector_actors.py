@@ -196,7 +196,6 @@ def test_chains_choose_the_same_in_any_crowd(left: int, scene: Scene, data: st.D
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(st.data())
 def test_chains_begin_the_same(data: st.DataObject) -> None:
     """Straight chains and nearly straight ones, from either end of the goal and along it."""
@@ -222,7 +221,6 @@ def test_past_the_end_of_the_goal_nobody_has_arrived(spec: str) -> None:
     assert any(each.action for each in choices.values()) or set(scene.start) <= goals
 
 
-@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.integers(-3, 3), st.integers(-3, 3), st.integers(0, 2)),

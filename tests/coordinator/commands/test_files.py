@@ -82,17 +82,18 @@ def test_a_redirected_file_is_added_to(folder: Path) -> None:
 PROVED = "proved     no schedule of 1 round or fewer; the schedule has 2: optimal\n"
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        ("cubepath verify - < two.proof", PROVED),
         ("cat two.proof | cubepath verify -", PROVED),
-        ("cubepath verify <(cat two.proof)", PROVED),
         ("cubepath verify - < run.mcap", "ok      readable"),
         ("cubepath log recover - -o new.mcap < run.mcap", "ok      readable"),
-        ("cubepath verify - --of moves.jsonl < c.json", "ok      form"),
         ("cubepath verify <(cat c.json) --of moves.jsonl", "ok      form"),
+        ("cubepath verify - < two.proof", PROVED),
+        ("cubepath verify <(cat two.proof)", PROVED),
+        ("cubepath verify - --of moves.jsonl < c.json", "ok      form"),
     ],
 )
 def test_what_is_verified_comes_by_any_stream(line: str, told: str, folder: Path) -> None:
@@ -142,8 +143,6 @@ def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
         ("cubepath shorten moves.jsonl --certificate -", "standard output: takes moves and cubes"),
         ("cubepath view run.mcap -o -", "standard output: takes moves and cubes alone"),
         ("cubepath view - < run.mcap", "standard input: has no name for a picture"),
-        ("cubepath run hex:n=3 --log -", "standard output: has the answer, expected a file"),
-        ("cubepath log recover run.mcap -o -", "standard output: takes moves and cubes alone"),
     ],
 )
 def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Path) -> None:

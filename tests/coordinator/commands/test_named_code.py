@@ -47,7 +47,10 @@ BY_HAND = [
         " branch.mcap"
     ),
     "run --schedule 0.mcap --repair --rule canary.py:MINE --processes 0 --log repaired.mcap",
-    "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --core simulated --jobs 1 --log -o swept",
+    (
+        "sweep hex:n=3 --rule canary.py:MINE --seeds 2 --max-rounds 3 --core simulated --jobs 1"
+        " --log -o swept"
+    ),
     "run named.toml --rule random --processes 0 --max-rounds 4 --log named.mcap",
     "shorten named.mcap -o cubes.jsonl --certificate cubes.certificate.json",
     "shorten named.mcap --convert -o moves.npz",
@@ -199,7 +202,7 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
 @pytest.mark.parametrize(
     "command",
     [
-        "sweep hex:n=3 --rule random --core simulated --seeds 5 --max-rounds 1 --jobs 2 -o out",
+        "sweep hex:n=3 --rule random --core simulated --seeds 2 --max-rounds 1 --jobs 2 -o out",
         "run hex:n=2 --max-rounds 1 --processes 1 --log run.mcap",
         "rule check random hex:n=2",
     ],

@@ -17,7 +17,7 @@ import pytest
 
 from cubepath.coordinator.commands.keyboard import keys_in, order_of
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.playback.orders import Seek, StepBack, StepForward
+from cubepath.coordinator.playback.machine import Seek, StepBack, StepForward
 from processes.command_line import GOLDEN, PYTHON
 
 HEX = str(GOLDEN / "hex-5.mcap")

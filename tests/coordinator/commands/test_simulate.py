@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from processes.command_line import PYTHON, cubepath
+from processes.command_line import PYTHON, cubepath, here
 
 pytestmark = pytest.mark.slow
 
@@ -57,7 +57,7 @@ def with_path(extra: dict[str, str]) -> dict[str, str]:
 @pytest.mark.thorough
 def test_the_answer_is_a_document(tmp_path: Path) -> None:
     """Seeds, failures, steps and faults by kind, and nothing is left behind."""
-    done = cubepath("simulate", "--seeds", "0..7", "--json", "--out", tmp_path / "logs")
+    done = here("simulate", "--seeds", "0..7", "--json", "--out", tmp_path / "logs")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["seeds"] == 8
@@ -69,7 +69,7 @@ def test_the_answer_is_a_document(tmp_path: Path) -> None:
 
 def test_the_answer_in_words(tmp_path: Path) -> None:
     """A table, the same seeds and steps each time."""
-    runs = [cubepath("simulate", "--seeds", "3", "--out", tmp_path) for _ in range(2)]
+    runs = [here("simulate", "--seeds", "3", "--out", tmp_path) for _ in range(2)]
     lines = [run.stdout.splitlines()[:9] for run in runs]
     assert lines[0] == lines[1]
     assert lines[0][:2] == ["seeds                       1", "failures                    0"]
@@ -99,7 +99,7 @@ def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, 
     done = cubepath("simulate", *options, "--out", tmp_path / "out", env=with_path(fickle))
     assert done.returncode == 1
     assert "seed 4: rule: without faults: rule 'broken', module_0: KeyError" in done.stderr
-    assert cubepath("log", "info", tmp_path / "out" / "simulated-4.mcap").returncode == 0
+    assert here("log", "info", tmp_path / "out" / "simulated-4.mcap").returncode == 0
 
 
 @pytest.mark.thorough

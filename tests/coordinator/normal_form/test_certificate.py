@@ -195,7 +195,6 @@ def test_what_is_tampered_with_is_refused_and_named(name: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
 @given(
     path=all_words,
     steps=st.lists(st.sampled_from(TAMPERINGS), max_size=3),

@@ -78,7 +78,6 @@ def flat(cubes: Cubes) -> Word:
 
 @pytest.mark.slow
 @given(abstract_words)
-@settings(max_examples=80)
 def test_a_word_becomes_a_normal_cube_path_of_its_class(make: Make, word: Word) -> None:
     """The result is a normal cube path, homotopic to the input, with nothing left to cancel."""
     cubes = path_of(make, word)
@@ -89,7 +88,6 @@ def test_a_word_becomes_a_normal_cube_path_of_its_class(make: Make, word: Word) 
 
 @pytest.mark.slow
 @given(abstract_words)
-@settings(max_examples=80)
 def test_the_obvious_normal_form_is_the_same(make: Make, word: Word) -> None:
     """An algorithm that shares nothing with the heap gives the same cubes as sets."""
     assert as_sets(path_of(make, word)) == obvious_normal_form(word)
@@ -97,7 +95,6 @@ def test_the_obvious_normal_form_is_the_same(make: Make, word: Word) -> None:
 
 @pytest.mark.slow
 @given(abstract_words, st.data())
-@settings(max_examples=80)
 def test_any_order_that_respects_dependencies_gives_the_same(
     make: Make, word: Word, data: st.DataObject
 ) -> None:
@@ -107,7 +104,6 @@ def test_any_order_that_respects_dependencies_gives_the_same(
 
 @pytest.mark.slow
 @given(st.data())
-@settings(max_examples=80)
 def test_detours_there_and_back_change_nothing(make: Make, data: st.DataObject) -> None:
     """A word put in with its reverse, in between other moves that commute, leaves no trace."""
     letters = data.draw(alphabets())
@@ -117,7 +113,6 @@ def test_detours_there_and_back_change_nothing(make: Make, data: st.DataObject) 
 
 @pytest.mark.slow
 @given(abstract_words)
-@settings(max_examples=80)
 def test_after_every_move_the_path_is_that_of_the_moves_so_far(make: Make, word: Word) -> None:
     """Appending one at a time agrees with starting anew, in the path and in every count."""
     heap = make()
@@ -213,7 +208,6 @@ class Search:
 
 @pytest.mark.slow
 @given(st.data())
-@settings(max_examples=60)
 def test_no_cube_path_of_the_class_is_shorter(data: st.DataObject) -> None:
     """Among all cube paths in the letters, exhaustively, none of the class has fewer cubes."""
     letters = data.draw(alphabets(max_letters=4))

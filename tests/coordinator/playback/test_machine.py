@@ -12,12 +12,13 @@ from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.playback.machine import (
     Machine,
+    Order,
     PlaybackEnd,
     PositionJump,
     PutMessage,
     WaitForOrder,
+    read_order,
 )
-from cubepath.coordinator.playback.orders import Order, read_order
 from cubepath.coordinator.playback.selection import PlayedMessages
 from cubepath.coordinator.playback.timeline import Timeline, read_pace, read_spot
 from cubepath.protocol.core.errors import InputError

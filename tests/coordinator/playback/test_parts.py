@@ -11,7 +11,7 @@ from msgspec import structs
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player, replay
-from cubepath.coordinator.playback.segments import RecordedStates
+from cubepath.coordinator.playback.selection import RecordedStates
 from cubepath.coordinator.playback.timeline import Timeline, TimelinePosition
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import verify

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 import zenoh
 
-from cubepath.coordinator.playback.orders import Position
+from cubepath.coordinator.playback.machine import Position
 from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.coordinator.playback.segments import RecordedStates
+from cubepath.coordinator.playback.selection import RecordedStates
 from cubepath.coordinator.playback.timeline import (
     START,
     Cursor,

@@ -28,6 +28,7 @@ from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from processes.command_line import GOLDEN
 from processes.ears import wait_for_subscriber
 from samples.recordings import all_edited, edited, first, parts, recorded, with_records
+from tampering.tamperings import crowd
 
 REAL = [
     ("agv:graph=grid4x4,n=7", "tswap"),
@@ -35,11 +36,6 @@ REAL = [
     ("hex-open:n=5", "random"),
     ("arm:n=6", "word"),
 ]
-
-
-def crowd() -> Recording:
-    """Return vehicles that talk, claim, lose and wait for verdicts on a small grid."""
-    return recorded("agv:graph=grid4x4,n=7", "tswap", rounds=10)
 
 
 @pytest.mark.parametrize(("spec", "rule"), REAL)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
-from cubepath.agents.rendering.pen import palette
+from cubepath.agents.rendering.style import palette
 from cubepath.coordinator.runs.films import animate
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec

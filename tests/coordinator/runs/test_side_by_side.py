@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from cubepath.agents.rendering.pen import DARK, GOAL, LIGHT, PAPER
+from cubepath.agents.rendering.style import DARK, GOAL, LIGHT, PAPER
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.drawing import cancelled_moves
 from cubepath.coordinator.runs.films import _Sides, animate_beside

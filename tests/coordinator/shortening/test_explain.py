@@ -73,14 +73,6 @@ def answer_of(capsys: Output, *arguments: str, code: int = 0) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
-def refusal_of(capsys: Output, *arguments: str) -> str:
-    assert main([*arguments]) == 2
-    told = capsys.readouterr()
-    assert not told.out
-    assert len(told.err.splitlines()) == 1
-    return told.err
-
-
 def test_the_chain_is_told_in_plain_words(folder: Path, capsys: Output) -> None:
     """Each move with its cube, its place in the input, its name, and why it waits."""
     assert main(["shorten", "crossing.jsonl", "--system", SYSTEM, "--explain"]) == 0

@@ -351,14 +351,6 @@ def test_a_recording_without_rounds_is_a_path_of_no_cubes(tmp_path: Path) -> Non
     assert figures(shorten(record(tmp_path / "short.mcap", RUN[:1]))) == (0, 0, 0, 0)
 
 
-def test_a_recording_says_what_its_system_is(tmp_path: Path) -> None:
-    """A system beside a recording or a scenario is refused, for it would not be used."""
-    with pytest.raises(InputError, match="a recording, which says itself"):
-        shorten(record(tmp_path / "log.mcap", RUN), system=VEHICLES)
-    with pytest.raises(InputError, match="a scenario, which says itself"):
-        shorten(DATA / "grid8-12agents.json", system=VEHICLES)
-
-
 def flipped(whole: bytes, place: int) -> bytes:
     return whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
 

@@ -14,7 +14,6 @@ from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.wire.messages import encode
 from samples.plans import DATA
@@ -139,11 +138,3 @@ def test_refusals_are_one_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert told in err
     assert len(err.splitlines()) == 1
-
-
-def test_files_of_a_plan_beside_moves_are_refused(tmp_path: Path) -> None:
-    """A moves file has no map."""
-    path = tmp_path / "moves.jsonl"
-    path.write_text('{"id": 1, "support": [1], "trace": [1]}\n')
-    with pytest.raises(InputError, match="a moves file, which needs no other file"):
-        shorten(path, hints=PlanHints(None, (ROOM,)))

@@ -14,6 +14,7 @@ import pytest
 from cubepath.coordinator.testing import ward
 from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
+from processes.living import is_there
 
 pytestmark = pytest.mark.slow
 ENOUGH_S = 30.0
@@ -28,14 +29,6 @@ signal.signal(signal.SIGTERM, signal.SIG_IGN)
 print(os.getpid(), subprocess.Popen(["sleep", "1000"]).pid, "all there")
 time.sleep(1000)
 """
-
-
-def is_there(pid: int) -> bool:
-    """Return whether a process is running."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def gone(*pids: int) -> bool:

@@ -14,6 +14,7 @@ import pytest
 
 from cubepath.coordinator.testing.fixtures import SimulateFixture
 from cubepath.coordinator.testing.plugin import seeds_given, seeds_in
+from processes.living import is_there
 
 pytestmark = pytest.mark.slow
 ENOUGH_S = 110.0
@@ -334,14 +335,6 @@ def until(what: object, patience_s: float = 40.0) -> None:
     end = time.monotonic() + patience_s
     while not what() and time.monotonic() < end:
         time.sleep(0.05)
-
-
-def is_there(pid: int) -> bool:
-    """Return whether a process is running."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 @pytest.mark.cubepath(clock="free", hesitate=0.25, links=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import DEPTH_MAX, Site, in_order, site_from_json, site_text
@@ -61,7 +61,6 @@ def rank(site: Site) -> tuple[object, ...]:
     return (isinstance(site, str), site)
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.one_of(*map(st.lists, ALIKE), st.lists(st.one_of(*ALIKE, st.floats(-2, 2)), max_size=6)))
 def test_the_order_is_that_of_content_whatever_sites_are_mixed(sites: list[Site]) -> None:
     """Sites of one kind, of several, and tuples of several lengths and depths."""

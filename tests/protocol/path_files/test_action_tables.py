@@ -72,7 +72,6 @@ def obvious_table(path: NumberedPath) -> tuple[list[Site], dict[str, list[list[i
     return list(sites), lists
 
 
-@settings(max_examples=60)
 @given(path=paths())
 def test_a_table_lists_what_the_actions_say(path: NumberedPath) -> None:
     """Each list in canonical order, the sites in the order of the supports."""
@@ -134,7 +133,6 @@ ODD = [
 ]
 
 
-@settings(max_examples=100)
 @given(
     changes=lists_of(st.tuples(st.integers(0, 2), st.sampled_from(ODD)), max_size=3),
     names=st.sampled_from([["a", "b", "c"], ["a", "a", "a"], ["a", "\0id", 5]]),
@@ -201,7 +199,6 @@ def test_a_direction_counts_from_the_before_of_the_file(
         assert found == [{5 + before}, {5 + after}, None]
 
 
-@settings(max_examples=60)
 @given(path=paths(placed=False))
 def test_lines_are_those_of_the_moves(
     tmp_path_factory: pytest.TempPathFactory, path: NumberedPath

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -72,7 +72,6 @@ def contents(*, named_too: bool) -> st.SearchStrategy[list[dict[str, Any]]]:
     return lists_of(st.integers(0, 6), max_size=30).map(lines)
 
 
-@settings(max_examples=60)
 @given(lines=st.one_of(contents(named_too=False), contents(named_too=True)))
 def test_self_contained_lines_are_what_the_reader_of_lines_says(
     tmp_path_factory: pytest.TempPathFactory, lines: list[dict[str, Any]]

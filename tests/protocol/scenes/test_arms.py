@@ -9,8 +9,7 @@ import pytest
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.rendering.edges import MARK
-from cubepath.agents.rendering.pictures import draw_pixels
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import draw_pixels, draw_text
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError

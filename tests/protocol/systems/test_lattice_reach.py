@@ -46,7 +46,7 @@ def competitors(catalogue: Catalogue, cell: Cell) -> set[Cell]:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(catalogues())
 def test_reach_is_where_moves_do_not_commute(catalogue: Catalogue) -> None:
     """For each orbit exactly the places of which the definition says so."""

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from cubepath.agents.processes.membership import ANY, alive_key, orders_key
-from cubepath.coordinator.playback.orders import player_key, position_key
+from cubepath.coordinator.playback.machine import player_key, position_key
 from cubepath.coordinator.runs.asking import about_key, path_key, state_key
 from cubepath.protocol.wire.access import access_list
 from cubepath.protocol.wire.credentials import COORDINATOR, process_name

@@ -20,7 +20,7 @@ from processes.ears import wait_for_subscriber
 pytestmark = pytest.mark.slow
 
 KEY = "cubepath/test/echo"
-ENOUGH_S = 20.0
+ENOUGH_S = 60.0
 
 
 class Listener:

@@ -4,8 +4,6 @@ Places are numbered as they are met; number 0 is no place. A *stand* is a site w
 be: what it senses and can do there is worked out when the first module comes there, so tables are
 as large as the part of the world that was visited, whatever the system.
 
-What a module at a site can do, with its neighbourhood numbered instead of named.
-
 Sites whose moves are the same up to the names of the places are of one *kind*. A kind speaks of
 places by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
 """

@@ -7,19 +7,18 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from cubepath.agents.arrays.batch import is_due
 from cubepath.agents.arrays.tables import UntabledError
-from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
 from cubepath.agents.environments.observations import (
-    ObservationEncoder,
+    ModuleAgents,
     ReusedDicts,
+    checked_seed,
     infos_of,
-    rendered,
     share_at_goal,
     state_of,
 )
@@ -27,8 +26,7 @@ from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from cubepath.agents.environments.wire_world import WireWorld
@@ -36,7 +34,7 @@ if TYPE_CHECKING:
 WORLDS = ("auto", "plain", "compiled")
 
 
-class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
+class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ...
 
     Observation and mask are those of `cubepath.agents.local.observation.observe`; with
@@ -93,41 +91,12 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         )
         if world not in WORLDS:
             raise InputError(f"world={world!r}: expected one of {', '.join(WORLDS)}")
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InputError(
-                f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
-            )
-        scene = scene_from_spec(system) if isinstance(system, str) else system
-        self.scene = local_only(scene, "environment")
-        self.max_cycles = max_cycles
-        self.render_mode = render_mode
-        self.note_length = note_length
-        self.possible_agents = list(self.scene.modules)
-        self._module = {name: number for number, name in enumerate(self.possible_agents)}
-        self.agents: list[str] = []
-        self._shown = ObservationEncoder(self.scene, observation)
-        space = self._shown.space(note_length)
-        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
-        size = self.scene.system.move_slots + 1
-        self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
-        width = self.scene.system.site_size
-        info = np.iinfo(np.int32)
-        self.state_space = spaces.Box(
-            info.min, info.max, (len(self.possible_agents), width), np.int32
-        )
+        self._take(system, max_cycles, render_mode, note_length, observation)
         self.copy = copy
         self._which = world
         self._world: World | ArrayWorld | WireWorld | None = None
         self._played: Round | ArrayRound | None = None
         self._kept: ReusedDicts | None = None
-
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the agent's observation space, the same object each time."""
-        return self._observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the agent's action space, the same object each time."""
-        return self._action_spaces[agent]
 
     def reset(
         self,
@@ -136,9 +105,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     ) -> tuple[dict[str, Observation], Infos]:
         """Put every module at its start; `seed` (by default 0) ranks the claims."""
         self.agents = list(self.possible_agents)
-        seed = int(seed or 0)
-        if seed < 0:
-            raise InputError(f"seed={seed}: expected 0 or more")
+        seed = checked_seed(seed)
         if self._world is None:
             self._world = self._make_world(seed)
         else:
@@ -312,18 +279,6 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             return self._world.places()
         return state_of(self.scene, self.sites)
 
-    @property
-    def sites(self) -> tuple[Any, ...]:
-        """Return the site of each module, by number; before the first reset, the start."""
-        return self.scene.start if self._world is None else tuple(self._world.sites)
-
-    def render(self) -> str | NDArray[np.uint8] | None:
-        """Draw the modules: text for "ansi", pixels (height, width, 3) for "rgb_array".
-
-        "human" prints the text and returns None.
-        """
-        return rendered(self.scene, self.sites, self.render_mode)
-
     def close(self) -> None:
         """Release the resources of the world: over zenoh, its processes and sessions."""
         if self._world is not None:
@@ -349,22 +304,14 @@ class WireEnv(CubepathEnv):
         processes: int = 2,
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, still over a session."""
-        super().__init__(
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-        )
-        EzPickle.__init__(
-            self,
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-            processes=processes,
-        )
+        given: dict[str, Any] = {
+            "max_cycles": max_cycles,
+            "render_mode": render_mode,
+            "note_length": note_length,
+            "observation": observation,
+        }
+        super().__init__(system, **given)
+        EzPickle.__init__(self, system, **given, processes=processes)
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
         self.processes = processes

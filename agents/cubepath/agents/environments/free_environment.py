@@ -1,9 +1,8 @@
-"""The PettingZoo environment without rounds: modules act by themselves, one after another.
+"""The PettingZoo environment without rounds, and the usual ways to make environments.
 
-Who acts next under the free clock, in one process.
-
-Each of them lets every module act again and again, and follows from the seed and from what came of
-the turns so far.
+Modules act by themselves, one after another; who acts next in one process, a scheduler says. Each
+scheduler lets every module act again and again, and follows from the seed and from what came of the
+turns so far. `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
 from __future__ import annotations
@@ -11,19 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from heapq import heapify, heapreplace
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 from pettingzoo import AECEnv
+from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
 
-from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.environment import CubepathEnv, WireEnv
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
 from cubepath.agents.environments.observations import (
-    ObservationEncoder,
-    rendered,
+    ModuleAgents,
+    checked_seed,
     share_at_goal,
     state_of,
 )
@@ -32,9 +31,7 @@ from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import real_number, whole_number
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.core.system import Scene
 
 _TICKS = 1000
 """Between two turns of a module with speed factor 1, on average."""
@@ -174,7 +171,7 @@ def scheduler_named(
             raise InputError(f"scheduler={name!r}: expected 'random', 'unfair' or 'turns'")
 
 
-class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
+class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ... under the free clock.
 
     `agent_selection` is who acts next, as the scheduler wants it. Observation, mask and action are
@@ -232,32 +229,13 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
             lag=lag,
         )
         super().__init__()
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InputError(
-                f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
-            )
         whole_number("lag", lag, 0)
         if not isinstance(speeds, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"speeds={speeds!r}: expected factors by module, as in {{0: 2}}")
-        scene = scene_from_spec(system) if isinstance(system, str) else system
-        self.scene = local_only(scene, "environment")
-        self.max_cycles = max_cycles
-        self.render_mode = render_mode
-        self.note_length = note_length
+        self._take(system, max_cycles, render_mode, note_length, observation, register=True)
         self.lag = lag
-        self.possible_agents = list(self.scene.modules)
-        self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self._scheduling = scheduler, dict(speeds or {}), jitter
         self._scheduler = self._make_scheduler(0)
-        self.agents: list[str] = []
-        self._shown = ObservationEncoder(self.scene, observation)
-        space = self._shown.space(note_length, register=True)
-        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
-        size = self.scene.system.move_slots + 1
-        self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
-        info = np.iinfo(np.int32)
-        shape = len(self.possible_agents), self.scene.system.site_size
-        self.state_space = spaces.Box(info.min, info.max, shape, np.int32)
         self._world: FreeWorld | None = None
         self._declared: Choice | None = None
         self.last_turn: ActionResult | None = None
@@ -267,25 +245,12 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         count = len(self.possible_agents)
         return scheduler_named(name, modules=count, seed=seed, speeds=speeds, jitter=jitter)
 
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the agent's observation space, the same object each time."""
-        return self._observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the agent's action space, the same object each time."""
-        return self._action_spaces[agent]
-
     @property
     def world(self) -> FreeWorld:
         """Return the current world; InputError before the first reset."""
         if self._world is None:
             raise InputError("the environment has not been reset yet: call reset first")
         return self._world
-
-    @property
-    def sites(self) -> tuple[Site, ...]:
-        """Return the site of each module, by number; before the first reset, the start."""
-        return self.scene.start if self._world is None else tuple(self._world.sites)
 
     @property
     def time(self) -> float:
@@ -298,9 +263,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
     ) -> None:
         """Put every module at its start; `seed` (by default 0) decides who acts when."""
-        seed = int(seed or 0)
-        if seed < 0:
-            raise InputError(f"seed={seed}: expected 0 or more")
+        seed = checked_seed(seed)
         if self._world is None:
             self._world = FreeWorld(
                 self.scene, seed=seed, note_length=self.note_length, lag=self.lag
@@ -397,10 +360,6 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         """Return the places of all modules, int32, shape (modules, site_size)."""
         return state_of(self.scene, self.sites)
 
-    def render(self) -> str | NDArray[np.uint8] | None:
-        """Draw the modules as `CubepathEnv.render` does."""
-        return rendered(self.scene, self.sites, self.render_mode)
-
     def close(self) -> None:
         """Forget the world."""
         self._world = None
@@ -416,3 +375,74 @@ def _info(
         "refused": refused,
         "illegal": illegal,
     }
+
+
+def parallel_env(
+    system: str | Scene = "hex",
+    *,
+    max_cycles: int = 500,
+    render_mode: str | None = None,
+    note_length: int = 0,
+    observation: Showing = "absolute",
+    transport: Literal["local", "zenoh"] = "local",
+    processes: int = 2,
+    copy: bool = True,
+    world: str = "auto",
+) -> CubepathEnv:
+    """Return the parallel environment of a system.
+
+    With ``transport="zenoh"`` the modules live in `processes` separate processes and learn of one
+    another by messages; observations, masks and results are the same. `copy` and `world` are those
+    of `CubepathEnv`, and for worlds in this process.
+    """
+    given = _common(max_cycles, render_mode, note_length, observation)
+    if transport == "local":
+        return CubepathEnv(system, copy=copy, world=world, **given)
+    if transport != "zenoh":
+        raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
+    return WireEnv(system, processes=processes, **given)
+
+
+def _common(
+    max_cycles: int, render_mode: str | None, note_length: int, observation: Showing
+) -> dict[str, Any]:
+    """Return the keywords that all environments have."""
+    return {
+        "max_cycles": max_cycles,
+        "render_mode": render_mode,
+        "note_length": note_length,
+        "observation": observation,
+    }
+
+
+def env(
+    system: str | Scene = "hex",
+    *,
+    max_cycles: int = 500,
+    render_mode: str | None = None,
+    note_length: int = 0,
+    observation: Showing = "absolute",
+    clock: str = "lockstep",
+    **scheduling: Any,
+) -> AECEnv[str, Observation, int | None]:
+    """Return the environment in turns, with PettingZoo's usual wrappers.
+
+    With ``clock="free"`` there are no rounds: it is a `FreeEnv`, which `scheduling` is passed to.
+    """
+    turns: AECEnv[str, Observation, int | None]
+    given = _common(max_cycles, render_mode, note_length, observation)
+    if clock == "free":
+        turns = FreeEnv(system, **given, **scheduling)
+    elif clock != "lockstep":
+        raise InputError(f"clock={clock!r}: expected 'lockstep' or 'free'")
+    elif scheduling:
+        raise InputError(
+            f"{min(scheduling)}={scheduling[min(scheduling)]!r}: expected clock='free'"
+        )
+    else:
+        turns = parallel_to_aec(CubepathEnv(system, **given))
+    return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
+
+
+raw_env = CubepathEnv
+"""The environment without wrappers, by PettingZoo's usual name."""

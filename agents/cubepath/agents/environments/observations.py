@@ -1,15 +1,6 @@
 """What an environment gives to its users: observations, infos, arrays, pictures and shares.
 
-The dicts of an environment in the form that PettingZoo asks for: kept ones, and infos.
-
-What the environments show of what a module sees: absolute or relative observations.
-
-It is one step behind the worlds, which know absolute observations alone; so all of them show the
-same.
-
-What an environment tells of where its modules are: their share at the goal, arrays, pictures.
-
-The same for both clocks.
+Worlds know absolute observations alone; here they become relative where that is asked for.
 """
 
 from __future__ import annotations
@@ -24,10 +15,11 @@ from numpy.typing import NDArray
 from cubepath.agents.environments.array_world import ArrayWorld, Infos
 from cubepath.agents.local.observation import SILENT, Observation, observation_length
 from cubepath.agents.local.relative import checked_showing, relative_layout, relative_observer
-from cubepath.agents.rendering.pictures import draw_pixels
-from cubepath.agents.rendering.styles import draw_text
+from cubepath.agents.rendering.pictures import draw_pixels, draw_text
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.system import Scene, System, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 
 class ReusedDicts:
@@ -115,6 +107,81 @@ class ObservationEncoder:
         return spaces.Dict(parts)
 
 
+class ModuleAgents:
+    """What the environments of both clocks have in common: agents, their spaces, pictures."""
+
+    metadata: dict[str, Any]
+    _world: Any = None
+
+    def _take(
+        self,
+        system: str | Scene,
+        max_cycles: int,
+        render_mode: str | None,
+        note_length: int,
+        observation: str,
+        *,
+        register: bool = False,
+    ) -> None:
+        """Take the arguments of an environment; InputError if one is wrong."""
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InputError(
+                f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
+            )
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        self.scene = local_only(scene, "environment")
+        self.max_cycles = max_cycles
+        self.render_mode = render_mode
+        self.note_length = note_length
+        self.possible_agents = list(self.scene.modules)
+        self._module = {name: number for number, name in enumerate(self.possible_agents)}
+        self.agents: list[str] = []
+        self._shown = ObservationEncoder(self.scene, observation)
+        space = self._shown.space(note_length, register=register)
+        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
+        size = self.scene.system.move_slots + 1
+        self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
+        info = np.iinfo(np.int32)
+        shape = len(self.possible_agents), self.scene.system.site_size
+        self.state_space = spaces.Box(info.min, info.max, shape, np.int32)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's observation space, the same object each time."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's action space, the same object each time."""
+        return self._action_spaces[agent]
+
+    @property
+    def sites(self) -> tuple[Site, ...]:
+        """Return the site of each module, by number; before the first reset, the start."""
+        return self.scene.start if self._world is None else tuple(self._world.sites)
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """Draw the modules: text for "ansi", pixels (height, width, 3) for "rgb_array".
+
+        "human" prints the text and returns None.
+        """
+        if self.render_mode == "rgb_array":
+            return draw_pixels(self.scene, self.sites)
+        if self.render_mode is None:
+            return None
+        text = draw_text(self.scene, self.sites)
+        if self.render_mode == "ansi":
+            return text
+        print(text)
+        return None
+
+
+def checked_seed(seed: int | None) -> int:
+    """Return the seed of an episode, by default 0; InputError if it is negative."""
+    found = int(seed or 0)
+    if found < 0:
+        raise InputError(f"seed={found}: expected 0 or more")
+    return found
+
+
 def _absolute(system: System) -> spaces.Box:
     info = np.iinfo(np.int32)
     low = np.zeros(observation_length(system), np.int32)
@@ -140,18 +207,3 @@ def share_at_goal(scene: Scene, sites: Sequence[Site]) -> float:
 def state_of(scene: Scene, sites: Sequence[Site]) -> NDArray[np.int32]:
     """Return the places of modules at these sites, int32, shape (modules, site_size)."""
     return np.array([scene.system.encode_site(site) for site in sites], np.int32)
-
-
-def rendered(
-    scene: Scene, sites: Sequence[Site], render_mode: str | None
-) -> str | NDArray[np.uint8] | None:
-    """Draw modules at these sites as `CubepathEnv.render` describes."""
-    if render_mode == "rgb_array":
-        return draw_pixels(scene, sites)
-    if render_mode is None:
-        return None
-    text = draw_text(scene, sites)
-    if render_mode == "ansi":
-        return text
-    print(text)
-    return None

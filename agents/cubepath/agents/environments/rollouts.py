@@ -14,15 +14,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.state import GRANTED, LOST
+from cubepath.agents.arrays.batch import Batch, is_due
+from cubepath.agents.arrays.rounds import GRANTED, LOST
 from cubepath.agents.arrays.tables import UntabledError
-from cubepath.agents.arrays.warming import is_due
-from cubepath.agents.environments.array_world import ArrayRound
+from cubepath.agents.environments.array_world import ArrayRound, MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
-from cubepath.agents.environments.made_moves import MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.observation import Note
 from cubepath.agents.rules.actor import actors_for

@@ -6,12 +6,11 @@ The library is an extra, ``pip install 'cubepath[learning]'``, imported when nee
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
 
-from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
 from cubepath.agents.local.relative import Showing
@@ -30,7 +29,7 @@ from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 if TYPE_CHECKING:
-    from cubepath.agents.environments.sb3_vec_env import ModulesVecEnv, Worlds
+    from cubepath.agents.environments.sb3_vec_env import ModulesVecEnv
 
 
 def sb3_env(
@@ -39,8 +38,6 @@ def sb3_env(
     num_envs: int = 1,
     max_cycles: int = 500,
     observation: Showing = "relative",
-    transport: Literal["local", "zenoh"] = "local",
-    processes: int = 2,
 ) -> ModulesVecEnv:
     """Return environments of a system as a `VecEnv` of Stable-Baselines3, with masks.
 
@@ -58,9 +55,6 @@ def sb3_env(
         num_envs: how many environments.
         max_cycles: an episode is truncated after so many rounds.
         observation: "relative", float32 between -1 and 1, or "absolute", int32.
-        transport: "local" is compiled code in this process; with "zenoh" each environment has
-            processes of its own, which `close` ends. What comes out is the same.
-        processes: with "zenoh" how many for each environment; 0 keeps the modules here.
 
     `action_masks`, as `MaskablePPO` asks for it, is bool of shape (rows, moves + 1). The reward is
     that of PettingZoo, the same for all modules of an environment, which end together: an episode
@@ -68,46 +62,27 @@ def sb3_env(
     ``TimeLimit.truncated`` and ``is_success`` in the infos of its rows. ``seed(s)`` gives
     environment i the seed s + i, later episodes draw theirs from it as those of `vector_env` do.
 
-    InputError if Stable-Baselines3 is missing, or as for `parallel_env`.
+    InputError if Stable-Baselines3 is missing, or as for `vector_env`.
     """
     try:
-        from cubepath.agents.environments.sb3_vec_env import ArrayWorlds, DictWorlds, ModulesVecEnv  # noqa: PLC0415 - an extra
+        from cubepath.agents.environments.sb3_vec_env import ModulesVecEnv  # noqa: PLC0415 - an extra
     except ImportError:
         raise InputError(
             "sb3_env takes Stable-Baselines3: pip install 'cubepath[learning]'"
         ) from None
     scene = scene_from_spec(system) if isinstance(system, str) else system
     scene = local_only(scene, "environment")
-    worlds: Worlds
-    if transport == "local":
-        worlds = ArrayWorlds(
-            CubepathVectorEnv(
-                scene,
-                num_envs=num_envs,
-                max_cycles=max_cycles,
-                observation=observation,
-                autoreset_mode="Disabled",
-            )
-        )
-    else:
-        if num_envs < 1:
-            raise InputError(f"num_envs={num_envs}: expected 1 or more")
-        worlds = DictWorlds(
-            [
-                parallel_env(
-                    scene,
-                    max_cycles=max_cycles,
-                    observation=observation,
-                    transport=transport,
-                    processes=processes,
-                )
-                for _ in range(num_envs)
-            ]
-        )
+    env = CubepathVectorEnv(
+        scene,
+        num_envs=num_envs,
+        max_cycles=max_cycles,
+        observation=observation,
+        autoreset_mode="Disabled",
+    )
     space = ObservationEncoder(scene, observation).space(0)["observation"]
     if not isinstance(space, spaces.Box):
         raise TypeError("an observation is a box of numbers")
-    return ModulesVecEnv(worlds, len(scene.start), space, scene.system.move_slots + 1)
+    return ModulesVecEnv(env, space)
 
 
 def sb3_save(model: Any, path: str | Path) -> None:

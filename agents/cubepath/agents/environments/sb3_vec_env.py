@@ -7,99 +7,17 @@ sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
-from cubepath.agents.environments.environment import CubepathEnv
-from cubepath.agents.environments.vector_environment import LATER_SEEDS, CubepathVectorEnv
+from cubepath.agents.environments.vector_environment import LATER_SEEDS, Arrays, CubepathVectorEnv
 from cubepath.protocol.core.errors import InputError
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Seen = tuple[NDArray[Any], NDArray[np.int8]]
-"""Observations and masks, of shapes (E, n, length) and (E, n, moves + 1)."""
-
-
-class Worlds(Protocol):
-    """E environments of one scene, which are reset one by one."""
-
-    num_envs: int
-
-    def reset(self, seeds: Sequence[int | None]) -> Seen:
-        """Begin an episode in each environment that has a seed; return what is seen in all."""
-        ...
-
-    def step(self, actions: NDArray[np.int64]) -> tuple[Seen, Floats, Flags, Flags]:
-        """Play a round; return what is seen, rewards, and who is terminated and truncated."""
-        ...
-
-    def close(self) -> None:
-        """Release what they hold."""
-
-
-class ArrayWorlds:
-    """Environments in compiled code."""
-
-    def __init__(self, env: CubepathVectorEnv) -> None:
-        """Take environments that are not reset by themselves."""
-        self._env = env
-        self.num_envs: int = env.num_envs
-
-    def reset(self, seeds: Sequence[int | None]) -> Seen:
-        """Begin an episode in each environment that has a seed."""
-        mask = np.array([seed is not None for seed in seeds])
-        seen, _ = self._env.reset(seed=list(seeds), options={"reset_mask": mask})
-        return seen["observation"], seen["action_mask"]
-
-    def step(self, actions: NDArray[np.int64]) -> tuple[Seen, Floats, Flags, Flags]:
-        """Play a round in each environment."""
-        seen, rewards, terminated, truncated, _ = self._env.step(actions)
-        return (seen["observation"], seen["action_mask"]), rewards, terminated, truncated
-
-    def close(self) -> None:
-        """Do nothing: arrays are released with their owner."""
-
-
-class DictWorlds:
-    """PettingZoo environments, such as those over zenoh, one after another."""
-
-    def __init__(self, envs: Sequence[CubepathEnv]) -> None:
-        """Take environments of one scene."""
-        self._envs = envs
-        self._seen: list[Any] = [None] * len(envs)
-        self.num_envs = len(envs)
-
-    def reset(self, seeds: Sequence[int | None]) -> Seen:
-        """Begin an episode in each environment that has a seed."""
-        for number, (env, seed) in enumerate(zip(self._envs, seeds, strict=True)):
-            if seed is not None:
-                self._seen[number], _ = env.reset(seed=seed)
-        return self._stacked("observation"), self._stacked("action_mask")
-
-    def step(self, actions: NDArray[np.int64]) -> tuple[Seen, Floats, Flags, Flags]:
-        """Play a round in each environment."""
-        told = []
-        for number, (env, row) in enumerate(zip(self._envs, actions.tolist(), strict=True)):
-            who = env.possible_agents[0]
-            self._seen[number], rewards, terminated, truncated, _ = env.step(
-                dict(zip(env.possible_agents, row, strict=True))
-            )
-            told.append((rewards[who], terminated[who], truncated[who]))
-        rewards_, done, late = zip(*told, strict=True)
-        seen = self._stacked("observation"), self._stacked("action_mask")
-        return seen, np.array(rewards_), np.array(done), np.array(late)
-
-    def _stacked(self, name: str) -> NDArray[Any]:
-        return np.array([[each[name] for each in seen.values()] for seen in self._seen])
-
-    def close(self) -> None:
-        """Close all of them."""
-        for env in self._envs:
-            env.close()
 
 
 class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
@@ -108,17 +26,17 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     _seeds: list[int | None]
     """The seed of each row's next reset."""
 
-    def __init__(
-        self, worlds: Worlds, modules: int, observation_space: spaces.Box, actions: int
-    ) -> None:
-        """Take the environments over, with what one module sees and how many actions it has."""
-        self.modules = modules
+    def __init__(self, env: CubepathVectorEnv, observation_space: spaces.Box) -> None:
+        """Take over environments that are not reset by themselves, and what one module sees."""
+        scene = env.scene
+        self.modules = len(scene.start)
         """How many rows belong to one environment."""
-        self._worlds = worlds
+        self._env = env
         self._streams: list[np.random.Generator] = []
-        self._mask = np.ones((worlds.num_envs * modules, actions), np.bool_)
+        rows, actions = env.num_envs * self.modules, scene.system.move_slots + 1
+        self._mask = np.ones((rows, actions), np.bool_)
         self._actions: NDArray[np.int64] | None = None
-        super().__init__(worlds.num_envs * modules, observation_space, spaces.Discrete(actions))
+        super().__init__(rows, observation_space, spaces.Discrete(actions))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Give environment i the seed ``seed + i`` at the next reset; None draws one."""
@@ -142,24 +60,25 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
             seeds.append(self._next_seed(number) if seed is None else seed)
         self._reset_seeds()
         self._reset_options()
-        self._tell(seeds)
-        return self._rows(self._worlds.reset(seeds))
+        return self._begun(seeds)
 
     def _next_seed(self, number: int) -> int:
         return int(self._streams[number].integers(LATER_SEEDS))
 
-    def _tell(self, seeds: Sequence[int | None]) -> None:
-        """Keep the seeds of episodes that begin, for `reset_infos`."""
+    def _begun(self, seeds: Sequence[int | None]) -> NDArray[Any]:
+        """Begin an episode in each environment that has a seed; return what all rows see."""
         for number, seed in enumerate(seeds):
             if seed is not None:
                 begin = number * self.modules
                 for row in range(begin, begin + self.modules):
                     self.reset_infos[row] = {"seed": seed}
+        mask = np.array([seed is not None for seed in seeds])
+        seen, _ = self._env.reset(seed=list(seeds), options={"reset_mask": mask})
+        return self._rows(seen)
 
-    def _rows(self, seen: Seen) -> NDArray[Any]:
-        observation, mask = seen
-        self._mask = mask.reshape(self.num_envs, -1).astype(np.bool_)
-        return observation.reshape(self.num_envs, -1)
+    def _rows(self, seen: Arrays) -> NDArray[Any]:
+        self._mask = seen["action_mask"].reshape(self.num_envs, -1).astype(np.bool_)
+        return seen["observation"].reshape(self.num_envs, -1)
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the action of each row."""
@@ -169,7 +88,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Play a round; environments whose episode is over begin the next one at once."""
         if self._actions is None or not self._streams:
             raise InputError("the environments have not been reset yet: call reset first")
-        seen, rewards, terminated, truncated = self._worlds.step(self._actions)
+        seen, rewards, terminated, truncated, _ = self._env.step(self._actions)
         rows = self._rows(seen)
         over = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -182,8 +101,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
                         "is_success": bool(terminated[number]),
                     }
             seeds = [self._next_seed(n) if ends else None for n, ends in enumerate(over.tolist())]
-            self._tell(seeds)
-            rows = self._rows(self._worlds.reset(seeds))
+            rows = self._begun(seeds)
         by_row = np.repeat(rewards, self.modules).astype(np.float32)
         return rows, by_row, np.repeat(over, self.modules), infos
 
@@ -225,5 +143,4 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return [False for _ in self._get_indices(indices)]
 
     def close(self) -> None:
-        """End what the environments have started: over zenoh their processes."""
-        self._worlds.close()
+        """Do nothing: arrays are released with their owner."""

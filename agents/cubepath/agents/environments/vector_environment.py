@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch, RelativeArrays
-from cubepath.agents.arrays.state import ILLEGAL
+from cubepath.agents.arrays.rounds import ILLEGAL
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.local.observation import SILENT
 from cubepath.agents.local.relative import Showing
@@ -227,23 +227,5 @@ def _stacked_space(one: spaces.Dict, modules: int) -> spaces.Dict:
     return spaces.Dict({key: batch_space(part, modules) for key, part in one.spaces.items()})
 
 
-def vector_env(
-    system: str | Scene = "hex",
-    *,
-    num_envs: int = 1,
-    max_cycles: int = 500,
-    note_length: int = 0,
-    observation: Showing = "absolute",
-    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    copy: bool = True,
-) -> CubepathVectorEnv:
-    """Return `num_envs` environments of a system as one; see `CubepathVectorEnv`."""
-    return CubepathVectorEnv(
-        system,
-        num_envs=num_envs,
-        max_cycles=max_cycles,
-        note_length=note_length,
-        observation=observation,
-        autoreset_mode=autoreset_mode,
-        copy=copy,
-    )
+vector_env = CubepathVectorEnv
+"""The environments by the name that goes with `parallel_env`."""

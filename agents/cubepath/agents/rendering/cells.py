@@ -14,14 +14,13 @@ from math import ceil, floor, pi, sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Mark, Pen, Points, Shot, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     PlacePen,
     PlaceShape,
     disc,
     disc_solid,
-    draw_goals,
+    draw_goals_alone,
     draw_places,
     extent_of,
     frame_of,
@@ -32,9 +31,19 @@ from cubepath.agents.rendering.places import (
     square_solid,
 )
 from cubepath.agents.rendering.style import (
+    LINE,
+    TILE,
+    WALL,
+    Box,
+    Mark,
     MovingPart,
+    Pen,
     Pivot,
+    Points,
+    Shot,
+    Spot,
     Style,
+    arcs,
     cell_of,
     known_places,
     marks_of,
@@ -160,10 +169,6 @@ def _behind(pen: Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bo
     (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
 
 
-def _before(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
-    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
-
-
 def _hexagon_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
     """Return how a hexagon turns about a corner of the one module that the move needs beside it.
 
@@ -285,7 +290,7 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
 def _style(look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
     moving = MovingPart(
         behind=partial(_behind, look=look, rows=rows, on_map=on_map),
-        before=partial(_before, look=look),
+        before=partial(draw_goals_alone, look=look),
         body=partial(place_body, look),
         outline=look.outline("module", None),
     )

@@ -10,20 +10,27 @@ from math import sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     GHOST,
     INK,
     PALE_GOAL,
     WALL,
+    Body,
     Box,
     Mark,
+    MovingPart,
     Pen,
     Points,
     Shot,
+    Solid,
     Spot,
+    Style,
     arcs,
+    bar,
+    frame_around,
+    readable,
+    spot_of,
 )
-from cubepath.agents.rendering.style import Body, MovingPart, Solid, Style, bar, readable, spot_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System
@@ -92,10 +99,7 @@ def _spots(system: System) -> dict[Site, Spot]:
 
 
 def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
-    """Return left, right, low and high of the points, in cells."""
-    known = np.array(list(_spots(scene.system).values()))
-    (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
-    return float(left), float(right), float(low), float(high)
+    return frame_around(_spots(scene.system).values(), _MARGIN)
 
 
 def _draw(
@@ -228,5 +232,5 @@ CHORDS = Style(
     draw=_draw,
     marks=_marks,
     solid=_solid,
-    moving=MovingPart(_behind, _points, _body, thick=_THICK),
+    moving=MovingPart(_body, _behind, _points, thick=_THICK),
 )

@@ -1,12 +1,7 @@
 """Arms on lattice edges, with the vertices where they join, as text and on axes.
 
-It only draws what it is given.
-
-Arms whose ends join at marked vertices: segments and marks told apart.
-
-Pure functions. A picture of lattice edges may also hold vertices, each with a letter
-(`cubepath.protocol.scenes.families.arms`): segments are drawn as usual, a marked vertex as a mark,
-and a free vertex not at all.
+A picture of lattice edges may also hold vertices, each with a letter
+(`cubepath.protocol.scenes.families.arms`): a marked vertex is drawn as a mark, a free one not.
 """
 
 from __future__ import annotations
@@ -16,22 +11,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from math import ceil, floor, pi
 
-from cubepath.agents.rendering.pen import (
-    INK,
-    LINE,
-    PALE_GOAL,
-    WALL,
-    Box,
-    Colour,
-    Mark,
-    Pen,
-    Points,
-    Shot,
-    Spot,
-    arcs,
-    moves_marks,
-    palette,
-)
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     PlacePen,
@@ -44,15 +23,29 @@ from cubepath.agents.rendering.places import (
 from cubepath.agents.rendering.style import (
     ARRIVED_MARK,
     GOAL_MARK,
+    INK,
+    LINE,
     MODULE_MARK,
+    PALE_GOAL,
+    WALL,
     Body,
+    Box,
+    Colour,
+    Mark,
     MovingPart,
+    Pen,
+    Points,
+    Shot,
     Solid,
+    Spot,
     Style,
+    arcs,
     bar,
     disc_at,
     known_places,
     marks_of,
+    moves_marks,
+    palette,
     tips_of,
 )
 from cubepath.protocol.core.sites import Site
@@ -170,10 +163,6 @@ def _body(_scene: Scene, site: Site) -> Body:
     return Body("bar", (left, low), (right, top))
 
 
-def _nothing(_pen: Pen, _scene: Scene) -> None:
-    """Nothing lies above arms."""
-
-
 def _ground(pen: PlacePen) -> None:
     """Draw the edges of the lattice pale, and obstacles dark."""
     system = pen.system
@@ -250,7 +239,7 @@ EDGES = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(_behind, _nothing, _body, thick=0.3, joints=True),
+    moving=MovingPart(_body, _behind, thick=0.3, joints=True),
     solid=_solid,
     colours=_colours,
 )

@@ -11,27 +11,26 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     GHOST,
     GOAL,
     INK,
     LINE,
+    Body,
     Box,
     Colour,
     Mark,
+    MovingPart,
     Pen,
     Points,
     Shot,
-    Spot,
-    arcs,
-    palette,
-)
-from cubepath.agents.rendering.style import (
-    Body,
-    MovingPart,
     Solid,
+    Spot,
     Style,
+    arcs,
     box_at,
+    frame_around,
+    palette,
     readable,
     spot_of,
 )
@@ -91,10 +90,7 @@ def _spots(system: System) -> dict[Site, Spot]:
 
 
 def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
-    """Return left, right, low and high of the places, in cells."""
-    known = np.array(list(_spots(scene.system).values()))
-    (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
-    return float(left), float(right), float(low), float(high)
+    return frame_around(_spots(scene.system).values(), _MARGIN)
 
 
 def _draw(
@@ -163,10 +159,6 @@ def _aims(pen: Pen, scene: Scene, sites: Iterable[Site], *, written: bool) -> No
     )
 
 
-def _behind(_pen: Pen, _scene: Scene) -> None:
-    """Nothing lies below the boxes."""
-
-
 def _before(pen: Pen, scene: Scene) -> None:
     _aims(pen, scene, in_order(scene.goal or ()), written=True)
 
@@ -219,7 +211,7 @@ LETTERS = Style(
     extent=_frame,
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(_behind, _before, _body, outline=_box(1.0, (0.0, 0.0))),
+    moving=MovingPart(_body, before=_before, outline=_box(1.0, (0.0, 0.0))),
     solid=_solid,
     colours=_colours,
 )

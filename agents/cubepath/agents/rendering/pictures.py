@@ -1,30 +1,342 @@
-"""Pictures of the modules: pixels, and drawings on matplotlib's axes.
+"""Pictures of the modules by style: text, pixels, drawings on matplotlib's axes, data for a page.
 
-It only draws what it is given. matplotlib is imported only when something is drawn, and only
-through its objects: no pyplot, so no window and no global state.
-
-A canvas to draw on: matplotlib's axes.
+matplotlib is imported only when something is drawn, and only through its objects: no pyplot, so no
+window and no global state. For pictures that move the styles draw on a list instead of on axes.
+There lengths and line widths are in cells, y upwards.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import LIGHT, Box, Colour, Pen, Points, Spot, Theme
-from cubepath.agents.rendering.style import Solid
-from cubepath.agents.rendering.styles import style_of
+from cubepath.agents.rendering import cells, chords, edges, letters, places
+from cubepath.agents.rendering.style import (
+    GHOST,
+    GOAL,
+    INK,
+    LIGHT,
+    LINE,
+    PALE_GOAL,
+    PAPER,
+    TILE,
+    WALL,
+    Body,
+    Box,
+    Colour,
+    Layer,
+    Mark,
+    MovingPart,
+    Pen,
+    Pivot,
+    Points,
+    Shot,
+    Solid,
+    Spot,
+    Style,
+    Theme,
+)
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.path import Path
+
+STYLES: Mapping[str, Style] = {
+    "hexagons": cells.HEXAGONS,
+    "squares": cells.SQUARES,
+    "map": cells.MAP,
+    "edges": edges.EDGES,
+    "graph": places.GRAPH,
+    "chords": chords.CHORDS,
+    "letters": letters.LETTERS,
+}
+
+
+def style_of(scene: Scene) -> Style:
+    """Return the style in which a scene is drawn; InputError if its system names none."""
+    found = STYLES.get(scene.system.drawing)
+    if found is None:
+        raise InputError(
+            f"{scene.spec}: drawing {scene.system.drawing!r}, expected one of {', '.join(STYLES)}"
+        )
+    return found
+
+
+def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return a picture in plain text of modules at `sites`, by number.
+
+    A module is ``o``, or ``@`` on a cell of the goal; a free cell of the goal is ``+``, any other
+    ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
+    followed by ``*`` at its own goal. Hexagons stand in rows offset by half a cell. Segments of an
+    arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` on edges of the goal; edges of the
+    goal without a segment are ``...`` and ``:``; a marked vertex is ``*``. A general graph has a
+    line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces, so
+    pictures of one run line up while modules stay in it. For chords and letters see
+    `cubepath.agents.rendering.chords` and `letters`.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x2,n=2")
+    >>> print(draw_text(scene, scene.start))
+    o . +
+    o . +
+    """
+    return style_of(scene).text(scene, sites)
+
+
+_SIZE, _ROW = 8.5, 0.19
+"""The font size in points, and the height of a row in inches."""
+_LETTER, _SWATCH = 0.067, 0.42
+"""In inches: the approximate width of a letter, and of a swatch with its margins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Legend:
+    """The marks of some pictures, in rows of `columns`."""
+
+    marks: tuple[Mark, ...]
+    columns: int
+    theme: Theme = LIGHT
+
+    @property
+    def height(self) -> float:
+        """Return the height of the legend, in inches; 0 if it is empty."""
+        return _ROW * ceil(len(self.marks) / self.columns)
+
+    def put(self, figure: Figure, left: float, top: float) -> None:
+        """Put the legend on a figure; `left` and `top` are in inches from its upper left corner."""
+        if not self.marks:
+            return
+        wide, high = figure.get_size_inches()
+        figure.legend(
+            handles=[_swatch(mark, self.theme) for mark in self.marks],
+            loc="upper left",
+            bbox_to_anchor=(left / wide, 1 - top / high),
+            ncols=self.columns,
+            frameon=False,
+            fontsize=_SIZE,
+            labelcolor=self.theme.of(INK),
+            handlelength=1.5,
+            borderpad=0,
+            borderaxespad=0,
+            labelspacing=0.35,
+        )
+
+
+def legend_of(
+    scene: Scene, shots: Sequence[Shot], box: Box, wide: float, theme: Theme = LIGHT
+) -> Legend:
+    """Return the legend for pictures of these states in this frame, for a width of `wide` inches.
+
+    It explains the outlines, traces, rings, bands and dark places that occur.
+    """
+    marks = tuple(style_of(scene).marks(scene, shots, box))
+    longest = max((len(mark.meaning) for mark in marks), default=0)
+    columns = max(1, int(wide / (_SWATCH + _LETTER * longest)))
+    return Legend(marks, min(columns, len(marks) or 1), theme)
+
+
+def _swatch(mark: Mark, theme: Theme) -> Artist:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+    from matplotlib.patches import Patch  # noqa: PLC0415
+
+    face, edge = theme.of(mark.face), theme.of(mark.edge)
+    if not mark.is_round:
+        return Patch(facecolor=face, edgecolor=edge, label=mark.meaning)
+    return Line2D(
+        (),
+        (),
+        linestyle="none",
+        marker="o",
+        markersize=7,
+        markerfacecolor=face,
+        markeredgecolor=edge,
+        label=mark.meaning,
+    )
+
+
+_ROLES = {
+    PAPER: "paper",
+    INK: "ink",
+    GOAL: "goal",
+    WALL: "wall",
+    PALE_GOAL: "goal-pale",
+    LINE: "line",
+    TILE: "tile",
+    GHOST: "ghost",
+}
+"""Colours with a meaning, by name, which a page may show otherwise on a dark background."""
+_WIDE = 1.5
+"""How wide the frame of an endless lattice is to its height."""
+
+
+@dataclass(slots=True)
+class DrawnShapes:
+    """What was drawn on a list.
+
+    Each of `ops` is a fill, lines or words, in order:
+
+    - ``{"op": "fill", "outline": number in outlines, "at": [x, y, ...], "face", "edge", "width",
+      "alpha"}``: the same outline around many points;
+    - ``{"op": "lines", "ends": [x, y, x, y, ...], "edge", "width", "round"}``;
+    - ``{"op": "word", "at": [x, y], "word", "face", "size"}``.
+
+    A colour is ``#rrggbb``, the name of a role such as "wall", or "none".
+    """
+
+    ops: list[dict[str, Any]] = field(default_factory=list)
+    outlines: list[list[float]] = field(default_factory=list)
+
+
+class _ListCanvas:
+    """A canvas that keeps what is drawn on it."""
+
+    limits_lines = False
+
+    def __init__(self) -> None:
+        self.drawn = DrawnShapes()
+        self._numbers: dict[bytes, int] = {}
+
+    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
+        count = len(shapes)
+        faces = _colours(style.get("facecolors", "none"), count)
+        edges = _colours(style.get("edgecolors", "none"), count)
+        width = round(float(style.get("linewidths", 0)), 4)
+        alpha = float(style.get("alpha", 1))
+        groups: dict[tuple[int, str, str], dict[str, Any]] = {}
+        for shape, face, edge in zip(shapes, faces, edges, strict=True):
+            middle = (shape.min(axis=0) + shape.max(axis=0)) / 2
+            key = self._outline(shape - middle), face, edge
+            group = groups.get(key)
+            if group is None:
+                group = groups[key] = {"op": "fill", "outline": key[0], "at": [], "face": face}
+                group |= {"edge": edge, "width": width, "alpha": alpha}
+                self.drawn.ops.append(group)
+            group["at"] += _rounded(middle)
+
+    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
+        ends = [part for line in lines for part in _rounded(line[[0, -1]])]
+        (edge,) = _colours(style["colors"], 1)
+        width = round(float(style["linewidths"]), 4)
+        end = style.get("capstyle") == "round"
+        found = {"op": "lines", "ends": ends, "edge": edge, "width": width, "round": end}
+        self.drawn.ops.append(found)
+
+    def write(self, at: Spot, word: str, colour: str, size: float) -> None:
+        face = _ROLES.get(colour, colour)
+        found = {"op": "word", "at": _rounded(np.array(at)), "word": word, "face": face}
+        self.drawn.ops.append(found | {"size": size})
+
+    def _outline(self, shape: Points) -> int:
+        points = _rounded(shape)
+        key = np.array(points).tobytes()
+        found = self._numbers.get(key)
+        if found is None:
+            found = self._numbers[key] = len(self.drawn.outlines)
+            self.drawn.outlines.append(points)
+        return found
+
+
+def _rounded(points: Points) -> list[float]:
+    # Adding 0 turns -0.0 into 0.0, so that equal outlines have equal bytes.
+    return (np.round(points, 4) + 0.0).ravel().tolist()
+
+
+def _colours(given: str | Sequence[Colour | str], count: int) -> list[str]:
+    if isinstance(given, str):
+        return [_ROLES.get(given, given)] * count
+    named = [each if isinstance(each, str) else colour_text(each) for each in given]
+    named = [_ROLES.get(each, each) for each in named]
+    return named * count if len(named) == 1 else named
+
+
+def colour_text(colour: Colour) -> str:
+    """Return a colour as ``#rrggbb``.
+
+    >>> colour_text((1.0, 0.5, 0.0))
+    '#ff8000'
+    """
+    return "#" + "".join(f"{round(255 * part):02x}" for part in colour)
+
+
+@dataclass(frozen=True, slots=True)
+class Backdrop:
+    """All of a picture that moves but the modules, and how these look at their sites.
+
+    `behind` and `before` the modules lies what never changes, in the frame `box`.
+    """
+
+    box: Box
+    behind: DrawnShapes
+    before: DrawnShapes
+    _scene: Scene
+    _moving: MovingPart
+
+    @property
+    def outline(self) -> list[float]:
+        """Return the outline of a module that is a cell or a box: x, y, x, y, ... around 0, 0."""
+        return [] if self._moving.outline is None else _rounded(self._moving.outline)
+
+    @property
+    def thick(self) -> float:
+        """Return the thickness of a module that is a bar."""
+        return self._moving.thick
+
+    @property
+    def joints(self) -> bool:
+        """Return whether bars have joints at their ends."""
+        return self._moving.joints
+
+    def body(self, site: Site) -> Body:
+        """Return how a module looks at a site."""
+        return self._moving.body(self._scene, site)
+
+    def pivot(self, action: Action, source: Site, target: Site) -> Pivot | None:
+        """Return how a module turns in an action, None if it goes straight."""
+        place_of = self._scene.system.place_of
+        return self._moving.pivot(action, place_of(source), place_of(target))
+
+
+def still(scene: Scene, visited: Iterable[Site] = ()) -> Backdrop:
+    """Return what a picture that moves is made of, in a frame that holds the visited sites.
+
+    InputError as for pictures: where a system has no style, or a place cannot be drawn.
+
+    >>> found = still(scene_from_spec("hex:n=3"))
+    >>> found.body((1, 0)).shape, found.body((1, 0)).at, len(found.outline)
+    ('cell', (1.0, 0.0), 12)
+    """
+    style = style_of(scene)
+    box = style.extent(scene, visited)
+    if not scene.system.bounded:  # an endless lattice goes on beyond what modules visit
+        box = _widened(box)
+    moving = style.moving
+    behind, before = (_drawn(layer, scene, box) for layer in (moving.behind, moving.before))
+    return Backdrop(box, behind, before, scene, moving)
+
+
+def _drawn(layer: Layer, scene: Scene, box: Box) -> DrawnShapes:
+    canvas = _ListCanvas()
+    layer(Pen(canvas, box, 1.0, LIGHT), scene)
+    return canvas.drawn
+
+
+def _widened(box: Box) -> Box:
+    left, right, low, high = box
+    wide = max(right - left, _WIDE * (high - low)) / 2
+    tall = wide / _WIDE
+    x, y = (left + right) / 2, (low + high) / 2
+    return x - wide, x + wide, y - tall, y + tall
 
 
 @dataclass(slots=True)

@@ -1,34 +1,47 @@
-"""Modules drawn place by place, as on lattices, maps and graphs.
+"""Modules drawn place by place, as on lattices, maps and graphs; and graphs themselves.
 
-It only draws what it is given.
+Vertices of a graph lie where the system says, or on a circle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache, partial
+from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import (
+from cubepath.agents.rendering.style import (
     GOAL,
     INK,
+    LINE,
+    TILE,
     WALL,
+    Body,
     Box,
     Colour,
     Mark,
+    MovingPart,
     Pen,
     Points,
     Shot,
+    Solid,
     Spot,
+    Style,
     arcs,
+    box_at,
+    disc_at,
+    known_places,
+    marks_of,
     moves_marks,
     palette,
+    readable,
+    spot_of,
 )
-from cubepath.agents.rendering.style import Body, Solid, box_at, disc_at, known_places, readable
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 
 FREE_MAX = 8000
@@ -173,6 +186,11 @@ def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
 
 
+def draw_goals_alone(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
+    """Draw the outlines of the goal above the modules, for pictures that move."""
+    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
+
+
 def draw_modules(
     pen: PlacePen,
     left: Mapping[int, Site],
@@ -208,3 +226,97 @@ def place_marks(
     elif scene.goal:
         yield Mark("goal of the module of its colour", edge=WALL, is_round=round_goal)
     yield from moves_marks(shots, is_round=discs)
+
+
+_MANY = 40
+"""With more vertices, the text of a graph of vehicles lists only modules and goals."""
+
+
+def _middle(system: System, place: Site) -> Spot:
+    found = spot_of(system, place) or _circle(system.places).get(place)
+    if found is None:
+        raise InputError(f"{place!r} cannot be drawn: it has no position and is none of the places")
+    return found
+
+
+@lru_cache(maxsize=64)
+def _circle(vertices: tuple[Site, ...]) -> dict[Site, Spot]:
+    """Return the vertices on a circle, clockwise from the top, far enough apart."""
+    radius = max(1.0, len(vertices) * 1.5 / (2 * pi))
+    turns = [pi / 2 - 2 * pi * number / len(vertices) for number in range(len(vertices))]
+    return {
+        vertex: (radius * cos(turn), radius * sin(turn))
+        for vertex, turn in zip(vertices, turns, strict=True)
+    }
+
+
+_LOOK = PlaceShape(_middle, lambda kind, _: disc(kind), 0.7)
+
+
+def _draw(
+    pen: Pen,
+    scene: Scene,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+) -> None:
+    places = place_pen(pen, scene.system, _LOOK)
+    _ground(places)
+    draw_places(places, scene, sites, moved, words)
+
+
+def _ground(pen: PlacePen) -> None:
+    """Draw edges as lines and vertices as pale discs."""
+    lines = [np.array([pen.middle(end) for end in edge]) for edge in pen.system.lines()]
+    pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
+    width = pen.line(0.04)
+    pen.draw("cell", pen.system.places, facecolors=TILE, edgecolors=LINE, linewidths=width)
+    fixed = [pen.system.place_of(site) for site in pen.system.filled]
+    pen.draw("module", fixed, facecolors=WALL)
+
+
+def _behind(pen: Pen, scene: Scene) -> None:
+    _ground(place_pen(pen, scene.system, _LOOK))
+
+
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    yield from place_marks(scene, shots, discs=True, round_goal=True)
+    if scene.system.filled:
+        yield Mark("fixed", face=WALL, is_round=True)
+
+
+def _text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return a line for each vertex, with its neighbours."""
+    system = scene.system
+    marks = marks_of(scene, sites)
+    places = list(dict.fromkeys((*known_places(scene), *marks)))
+    if system.graph is not None:
+        every = system.graph.vertices
+        places = [place for place in every if len(every) <= _MANY or place in marks]
+    names = [_name(place) for place in places]
+    wide, width = max(map(len, names)), max(map(len, marks.values()))
+    lines = []
+    for place, name in zip(places, names, strict=True):
+        near = " ".join(_name(other) for other in system.sensed(place) if other is not None)
+        lines.append(f"{name:>{wide}}: {marks.get(place, '.'):<{width}} - {near}")
+    return "\n".join(lines)
+
+
+def _name(place: Site) -> str:
+    return place if isinstance(place, str) else site_text(place)
+
+
+GRAPH = Style(
+    text=_text,
+    frame=partial(frame_of, _LOOK),
+    extent=partial(extent_of, _LOOK),
+    draw=_draw,
+    marks=_marks,
+    moving=MovingPart(
+        partial(place_body, _LOOK),
+        _behind,
+        partial(draw_goals_alone, look=_LOOK),
+        outline=disc("module"),
+    ),
+    solid=partial(disc_solid, _LOOK),
+)

@@ -23,8 +23,8 @@ from cubepath.coordinator.commands.console import complain, silence
 from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.playback.orders import Order, PlayerStatus
-    from cubepath.coordinator.playback.player import Player
+    from cubepath.coordinator.playback.machine import Order, PlayerStatus
+from cubepath.coordinator.playback.player import Player
 
 HELP = (
     "space pause, right/left a round on/back, . and , a message on/back, up/down 10% faster/slower,"
@@ -76,7 +76,7 @@ def keys_in(data: bytes) -> list[str]:
 
 def order_of(key: str, start: str) -> Order | None:
     """Return what a key orders; None if nothing. `start` is where the replay begins."""
-    from cubepath.coordinator.playback.orders import read_order  # noqa: PLC0415
+    from cubepath.coordinator.playback.machine import read_order  # noqa: PLC0415
 
     if key == "0":
         return read_order("seek", {"to": start})

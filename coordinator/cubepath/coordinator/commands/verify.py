@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import check_files, file_name, input_path, opened_once
@@ -161,31 +161,44 @@ def _verify_certificate(
             read = _cubes(cubes)
             if found["form"] is None:
                 found["cubes"] = compare_cubes(certificate, path.numbered, read)
-    left = certificate.moves - 2 * len(certificate.cancelled)
+    return answer_checks(
+        options,
+        file_name(source),
+        found,
+        {
+            "moves": len(path.numbered.numbers),
+            "reduced_moves": certificate.moves - 2 * len(certificate.cancelled),
+            "cubes": len(certificate.cubes),
+        },
+        f"proved: in the class of {file_name(options.of)}, and none in it has fewer than"
+        f" {counted(len(certificate.cubes), 'cube')}",
+    )
+
+
+def answer_checks(
+    options: argparse.Namespace,
+    name: str,
+    found: Mapping[str, str | None],
+    more: dict[str, Any],
+    proved: str,
+) -> int:
+    """Answer with the checks of a file, by name with why each fails; return the exit code."""
+    wrong = [check for check, why in found.items() if why is not None]
     document = {
-        "ok": not any(found.values()),
+        "ok": not wrong,
         "checks": [
-            {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
+            {"name": check, "ok": why is None, "detail": why or ""} for check, why in found.items()
         ],
-        "moves": len(path.numbered.numbers),
-        "reduced_moves": left,
-        "cubes": len(certificate.cubes),
     }
     width = max(map(len, found))
     lines = [
-        f"{'ok    ' if why is None else 'FAILED'}  {name:<{width}}  {why or ''}".rstrip()
-        for name, why in found.items()
+        f"{'ok    ' if why is None else 'FAILED'}  {check:<{width}}  {why or ''}".rstrip()
+        for check, why in found.items()
     ]
-    wrong = [name for name, why in found.items() if why is not None]
-    cubes_told = counted(len(certificate.cubes), "cube")
-    if not wrong:
-        lines.append(
-            f"proved: in the class of {file_name(options.of)},"
-            f" and none in it has fewer than {cubes_told}"
-        )
-    answer(options, document, "\n".join(map(visible, lines)))
+    lines += [] if wrong else [proved]
+    answer(options, document | more, "\n".join(map(visible, lines)))
     if wrong:
-        complain(f"{file_name(source)}: checks failed: {', '.join(wrong)}")
+        complain(f"{name}: checks failed: {', '.join(wrong)}")
     return FAILED if wrong else DONE
 
 

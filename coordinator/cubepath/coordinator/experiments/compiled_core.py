@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.warming import is_compiled
-from cubepath.agents.environments.made_moves import MadeMoves, made_in
+from cubepath.agents.arrays.batch import is_compiled
+from cubepath.agents.environments.array_world import MadeMoves, made_in
 from cubepath.agents.environments.rollouts import Rollout, play_free, play_in_python, play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.instances import SceneFacts

@@ -30,7 +30,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cubepath.agents.arrays.warming import compile_world, is_compiled
+from cubepath.agents.arrays.batch import compile_world, is_compiled
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.vector_actors import vector_actors_for

@@ -1,10 +1,8 @@
-"""A player to be held in hand: paused, stepped and moved from Python while others listen.
-
-Replaying: the recorded bytes go back on zenoh, and a fresh coordinator gathers them again.
+"""A player that is paused, stepped and moved from Python while others listen; and a whole replay.
 
 The messages of module processes go through a router from one session to another, under their
-original keys but a new run id. Without rounds what keepers say is put back too. Anything else that
-is connected to the router receives them as well.
+original keys but a new run id, and a fresh coordinator gathers them. Without rounds what keepers
+say is put back too. Anything else that is connected to the router receives them as well.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Self, TypeAlias, Unpack
 
 from cubepath.coordinator.playback.comparing import ReplayResult
-from cubepath.coordinator.playback.orders import (
+from cubepath.coordinator.playback.machine import (
     Order,
     Pause,
     PendingOrder,

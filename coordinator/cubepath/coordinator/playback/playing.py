@@ -12,7 +12,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Collection
 from queue import Empty, SimpleQueue
-from typing import Literal, Self, TypeAlias, TypedDict, Unpack
+from typing import Any, Literal, Self, TypeAlias, TypedDict, Unpack
 
 import msgspec
 import zenoh
@@ -25,22 +25,26 @@ from cubepath.coordinator.playback.comparing import (
 )
 from cubepath.coordinator.playback.machine import (
     Machine,
-    PlaybackEnd,
-    PositionJump,
-    PutMessage,
-    WaitForOrder,
-)
-from cubepath.coordinator.playback.orders import (
     PendingOrder,
+    PlaybackEnd,
     PlayerStatus,
     Position,
+    PositionJump,
+    PutMessage,
+    Refusal,
+    WaitForOrder,
     Why,
-    answer_queries,
     player_key,
     position_key,
+    read_order,
 )
-from cubepath.coordinator.playback.segments import RecordedStates, SegmentComparison
-from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages, check_run
+from cubepath.coordinator.playback.selection import (
+    KeyMapping,
+    PlayedMessages,
+    RecordedStates,
+    SegmentComparison,
+    check_run,
+)
 from cubepath.coordinator.playback.timeline import (
     Cursor,
     PlaybackRate,
@@ -493,3 +497,32 @@ def _several(name: str, given: Collection[str]) -> Collection[str]:
     if isinstance(given, str):
         raise InputError(f"{name}={given!r}: expected a list of texts")
     return given
+
+
+def answer_queries(
+    session: zenoh.Session, run: str, enqueue: Callable[[PendingOrder], object]
+) -> zenoh.Queryable[Any]:
+    """Put every order that comes over zenoh into a queue, until the queryable is undeclared."""
+
+    def ask(query: zenoh.Query) -> None:
+        enqueue(_asked(query, run))
+
+    callback = zenoh.handlers.Callback(ask, indirect=False)
+    return session.declare_queryable(f"{player_key(run)}/*", callback)
+
+
+def _asked(query: zenoh.Query, run: str) -> PendingOrder:
+    name = str(query.key_expr).rpartition("/")[2]
+    told = [each.partition("=") for each in str(query.parameters).split(";") if each]
+    given = {key: value for key, _, value in told}
+
+    # A query is over when it is dropped, and these two hold it.
+    def answer(status: PlayerStatus) -> None:
+        query.reply(f"{player_key(run)}/{name}", msgspec.json.encode(status))
+        query.drop()
+
+    def refuse(why: str) -> None:
+        query.reply_err(msgspec.json.encode(Refusal(why)))
+        query.drop()
+
+    return PendingOrder(lambda: read_order(name, given), answer, refuse)

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import DARK, GOAL, INK, LIGHT, PAPER, Box, Theme
-from cubepath.agents.rendering.pictures import draw_on, extent
+from cubepath.agents.rendering.pictures import draw_on, extent, legend_of
+from cubepath.agents.rendering.style import DARK, GOAL, INK, LIGHT, PAPER, Box, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.runs.schedule_chart import draw_schedule

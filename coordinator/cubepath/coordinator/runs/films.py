@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import DARK, GOAL, INK, LIGHT, PAPER, Theme, palette
-from cubepath.agents.rendering.pictures import draw_on, extent
+from cubepath.agents.rendering.pictures import draw_on, extent, legend_of
+from cubepath.agents.rendering.style import DARK, GOAL, INK, LIGHT, PAPER, Theme, palette
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.runs.drawing import cancelled_moves, check_suffix
 from cubepath.coordinator.runs.schedule_chart import draw_schedule

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import INK, LIGHT, PAPER, Colour, Theme
 from cubepath.agents.rendering.pictures import colours
+from cubepath.agents.rendering.style import INK, LIGHT, PAPER, Colour, Theme
 from cubepath.coordinator.runs.states import Snapshot
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.formatting import counted

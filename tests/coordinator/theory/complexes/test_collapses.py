@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes import collapses as collapse_module
@@ -69,7 +69,6 @@ def _flat(space: CubicalComplex, k: int) -> NDArray[np.int32]:
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(subcomplexes())
 def test_every_step_takes_a_free_face_and_none_is_left(space: CubicalComplex) -> None:
     """On random subcomplexes of grids the steps, replayed on plain sets, are collapses."""
@@ -77,7 +76,6 @@ def test_every_step_takes_a_free_face_and_none_is_left(space: CubicalComplex) ->
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(quotients())
 def test_the_same_where_cubes_are_glued_to_themselves(space: CubicalComplex) -> None:
     """On random quotients too; what is left has the same Euler characteristic and homology."""

@@ -10,9 +10,8 @@ import networkx as nx
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.theory.complexes.drawing import VERTICES_MAX
 from cubepath.coordinator.theory.complexes.exploration import explore
-from cubepath.coordinator.theory.complexes.export import to_networkx
+from cubepath.coordinator.theory.complexes.export import VERTICES_MAX, to_networkx
 from cubepath.coordinator.theory.complexes.report import complex_report
 from cubepath.coordinator.theory.complexes.shape_complexes import shape_complex
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from cubepath.coordinator.theory.complexes import drawing
+from cubepath.coordinator.theory.complexes import export as drawing
 
 
 @pytest.mark.parametrize(

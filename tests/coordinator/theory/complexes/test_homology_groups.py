@@ -76,7 +76,7 @@ def test_known_spaces_have_the_homology_that_is_known(name: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=120)
+@settings(max_examples=75)
 @given(subcomplexes())
 def test_on_pieces_of_grids_it_is_what_dense_matrices_say(space: CubicalComplex) -> None:
     """Random subcomplexes of grids in dimension up to 4 have the homology found the obvious way."""
@@ -84,7 +84,7 @@ def test_on_pieces_of_grids_it_is_what_dense_matrices_say(space: CubicalComplex)
 
 
 @pytest.mark.slow
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(quotients())
 def test_on_random_quotients_it_is_what_dense_matrices_say(space: CubicalComplex) -> None:
     """So do quotients, where cubes are glued to themselves and incidences are 0, 2 and more."""
@@ -93,7 +93,7 @@ def test_on_random_quotients_it_is_what_dense_matrices_say(space: CubicalComplex
 
 
 @pytest.mark.slow
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(quotients())
 def test_the_results_fit_each_other(space: CubicalComplex) -> None:
     """Euler characteristic, universal coefficients, lengths, Morse inequalities, determinism."""

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.complexes.state_masks import (
     Bits,
@@ -68,7 +68,6 @@ known = lru_cache(maxsize=None)(lambda spec: met(scene_from_spec(spec)))
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
 @given(st.sampled_from(SPECS), st.data())
 def test_a_state_shows_by_masks_what_it_shows_by_sets(spec: str, data: st.DataObject) -> None:
     """What may be done, what it leads to and its hash: round an action, some sites on besides."""
@@ -80,7 +79,6 @@ def test_a_state_shows_by_masks_what_it_shows_by_sets(spec: str, data: st.DataOb
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
 @given(listed_scenes(), st.data())
 def test_so_it_does_for_any_listed_system(scene: Scene, data: st.DataObject) -> None:
     """With free sites, guards, obstacles and doubled actions, at any state of their sites."""

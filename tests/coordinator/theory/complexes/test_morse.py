@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from cubepath.coordinator.theory.complexes.cubical_complex import (
     Boundary,
@@ -17,7 +17,7 @@ from cubepath.coordinator.theory.complexes.cubical_complex import (
     boundary_of,
     cofaces,
 )
-from cubepath.coordinator.theory.complexes.morse import (
+from cubepath.coordinator.theory.complexes.homology_groups import (
     Matching,
     matched,
     morse_columns,
@@ -105,7 +105,6 @@ def check(space: CubicalComplex) -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=100)
 @given(quotients())
 def test_morse_boundaries_are_sums_over_paths(space: CubicalComplex) -> None:
     """Of any complex: chains with incidences added, an acyclic matching, all paths along it."""

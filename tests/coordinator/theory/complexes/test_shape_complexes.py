@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from cubepath.coordinator.theory.complexes.links import check_links
-from cubepath.coordinator.theory.complexes.macros import lift, macro
 from cubepath.coordinator.theory.complexes.shape_complexes import (
     lattice_of,
+    lift,
+    macro,
     normal_place,
     shape_complex,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.theory.complexes.homology_groups import homology
@@ -105,7 +105,6 @@ def glued_squares(draw: st.DrawFn) -> CubicalComplex:
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(glued_squares())
 def test_squares_glued_side_to_side_are_a_closed_surface(space: CubicalComplex) -> None:
     """Its pieces, orientability and genus are those that its homology shows."""
@@ -121,7 +120,6 @@ def test_squares_glued_side_to_side_are_a_closed_surface(space: CubicalComplex) 
     assert groups.betti[1] == 2 * sum(handles) + sum(crosscaps) - len(crosscaps)
 
 
-@settings(max_examples=60)
 @given(glued_squares(), st.integers(0, 100), st.integers(0, 100))
 def test_two_points_of_a_surface_made_one_are_a_flaw(
     space: CubicalComplex, one: int, other: int

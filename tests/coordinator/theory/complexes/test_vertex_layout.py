@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.drawing import (
+from cubepath.coordinator.theory.complexes.exploration import explore
+from cubepath.coordinator.theory.complexes.export import (
     best_view,
     corners_of_cubes,
     corners_of_squares,
     laid_out,
     maximal_cubes,
 )
-from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.theory.following.encoding import (
+from cubepath.coordinator.theory.following.files import fewest_rounds_proof, read_vehicle_plan
+from cubepath.coordinator.theory.following.optimum import (
     AT,
     Schedule,
     VehicleClauses,
     VehicleTask,
     _at_most_one,
     clauses_of,
+    fewest_rounds,
 )
-from cubepath.coordinator.theory.following.files import fewest_rounds_proof, read_vehicle_plan
-from cubepath.coordinator.theory.following.optimum import fewest_rounds
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.coordinator.theory.proof_checking.following_proof import check_fewest_rounds
 from faces import ROOT
-from oracles.following_tasks import FAR, draw_task, exhaustive, task_of
+from oracles.following_tasks import FAR, draw_task, exhaustive, one_by_one, task_of
 from oracles.vehicle_rounds import draw_plan, is_legal
 
 pysat = pytest.importorskip("pysat.solvers")
@@ -33,7 +33,7 @@ AGV = ROOT / "tests" / "data" / "agv"
 
 def solved(clauses: VehicleClauses) -> Schedule | None:
     """Ask a solver in this process."""
-    with pysat.Solver(name="cadical195", bootstrap_with=list(clauses.each())) as solver:
+    with pysat.Solver(name="cadical195", bootstrap_with=one_by_one(clauses)) as solver:
         if not solver.solve():
             return None
         true = {literal for literal in solver.get_model() if literal > 0}
@@ -75,7 +75,7 @@ def test_at_most_one_holds_by_pairs_or_by_a_ladder(count: int) -> None:
     clauses = VehicleClauses(draw_task(0), 0)
     names = [clauses.new(AT, who, 0, 0) for who in range(count)]
     _at_most_one(clauses, dict(enumerate(names)), clauses.task.starts[0], 0)
-    with pysat.Solver(name="cadical195", bootstrap_with=list(clauses.each())) as solver:
+    with pysat.Solver(name="cadical195", bootstrap_with=one_by_one(clauses)) as solver:
         assert all(solver.solve(assumptions=[name]) for name in names)
         assert not any(solver.solve(assumptions=pair) for pair in combinations(names, 2))
 

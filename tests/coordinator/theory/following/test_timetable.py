@@ -36,7 +36,7 @@ from oracles.vehicle_rounds import (
 )
 
 AGV = ROOT / "tests" / "data" / "agv"
-PLANS = 3000
+PLANS = 1200
 
 
 def rounds_of(found: FollowingTimetable) -> dict[int, list[Move]]:
@@ -77,7 +77,7 @@ def has_unequal_rotation(drawn: Drawn, times: dict[frozenset[Cell], Fraction]) -
 
 
 def test_random_plans_are_legal_and_never_later() -> None:
-    """Thousands of plans, rotations among them: a separate simulation allows every timetable."""
+    """Many plans, rotations among them: a separate simulation allows every timetable."""
     rotations = trains = cancelled = 0
     for seed in range(PLANS):
         rule: Rule = RULES[seed % 2]
@@ -91,7 +91,7 @@ def test_random_plans_are_legal_and_never_later() -> None:
         starts = [(found.starts[k], moves[k]) for k in found.starts]
         left = {(start, move.source) for start, move in starts}
         trains += sum((start, move.target) in left for start, move in starts)
-    assert min(rotations, trains, cancelled) > 100
+    assert min(rotations, trains, cancelled) > 40
 
 
 def test_random_plans_have_the_least_solution() -> None:
@@ -106,7 +106,7 @@ def test_random_plans_have_the_least_solution() -> None:
 def test_either_rule_is_for_any_plan_that_does_not_rotate() -> None:
     """A plan that does not keep to CG:SHOP's rule gets a timetable that does."""
     longer = 0
-    for seed in range(1000):
+    for seed in range(500):
         drawn = draw_plan(seed)
         plan = drawn.plan()
         if following_timetable(plan, "mapf").rotates:
@@ -117,7 +117,7 @@ def test_either_rule_is_for_any_plan_that_does_not_rotate() -> None:
         assert is_legal(drawn.starts, rounds_of(found), "cgshop"), seed
         assert timed_moves(found) == Counter(obvious_timetable(drawn, "cgshop", {})), seed
         longer += found.makespan > (plan.rounds or 0)
-    assert longer > 10
+    assert longer > 5
 
 
 def test_unequal_times() -> None:
@@ -140,7 +140,7 @@ def test_unequal_times() -> None:
         checks = check_following(timetable_file(found, timed=True), plan)
         assert not any(checks.values()), (seed, checks)
         made += bool(times) and found.makespan > 0
-    assert made > 300
+    assert made > 120
 
 
 def test_the_chain_is_as_long_as_the_timetable() -> None:

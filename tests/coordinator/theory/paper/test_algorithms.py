@@ -82,7 +82,6 @@ def cube_paths(draw: st.DrawFn) -> CubePath:
 
 @pytest.mark.slow
 @given(cube_paths())
-@settings(max_examples=80)
 def test_the_mended_algorithm_gives_the_normal_cube_path(path: CubePath) -> None:
     """Made genuine and repeated until nothing changes, the paper's way agrees with the heap."""
     assert as_sets(mended_time_geodesic(path)) == as_sets(normal_cube_path(flat(path)))
@@ -103,7 +102,6 @@ def test_the_mended_algorithm_agrees_on_walks_of_systems(spec: str, data: st.Dat
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())
-@settings(max_examples=80)
 def test_the_printed_algorithm_stays_in_the_class_and_is_never_too_short(
     reading: Reading, path: CubePath
 ) -> None:
@@ -121,7 +119,6 @@ def test_the_printed_algorithm_stays_in_the_class_and_is_never_too_short(
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())
-@settings(max_examples=80)
 def test_a_call_that_keeps_the_length_of_a_genuine_path_shows_it_shortest(
     reading: Reading, path: CubePath
 ) -> None:

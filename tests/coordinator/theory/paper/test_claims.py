@@ -9,8 +9,7 @@ import pytest
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.theory.paper import claims
 from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
-from cubepath.coordinator.theory.paper.examples import SYSTEMS
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim
+from cubepath.coordinator.theory.paper.examples import SYSTEMS, Outcome, PaperClaim
 from samples.local_families import LOCAL_FAMILIES
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isclose, sqrt
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
@@ -12,13 +12,11 @@ from cubepath.coordinator.theory.complexes.cubical_complex import complex_from_f
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart
 from cubepath.coordinator.theory.paper.algorithms import envelope
 from cubepath.coordinator.theory.paper.curvature import (
+    chains,
+    closure,
     complex_of_squares,
     corner_of_a_cube,
     dented_disc,
-)
-from cubepath.coordinator.theory.paper.euclidean_geodesics import (
-    chains,
-    closure,
     diagonals,
     geodesics,
     normal_cube_paths,
@@ -99,7 +97,6 @@ def test_three_pages_of_a_book_are_no_surface() -> None:
     assert pulled_apart(complex_of_squares([(0, 1, 3, 2), (0, 1, 5, 4), (0, 1, 7, 6)])) is None
 
 
-@settings(deadline=None)
 @given(st.sampled_from(SCENES).flatmap(lambda spec: st.tuples(st.just(spec), walks(spec))))
 def test_every_move_has_its_window(found: tuple[str, list[Action]]) -> None:
     """Windows are those of the longest chains before and after each move, and both ends work."""

@@ -14,12 +14,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from cubepath.coordinator.theory.following.encoding import (
-    VehicleClauses as Encoded,
-    VehicleTask,
-    cell_of,
-    clauses_of,
-)
+from cubepath.coordinator.theory.following.optimum import VehicleTask, cell_of, clauses_of
 from cubepath.coordinator.theory.following.timetable import RULES, Rule
 from cubepath.coordinator.theory.proof_checking.following_proof import (
     AT,
@@ -34,7 +29,7 @@ from cubepath.protocol.path_files.following_proofs import (
     read_following_proof,
     write_following_proof,
 )
-from oracles.following_tasks import draw_task, exhaustive, task_of
+from oracles.following_tasks import draw_task, exhaustive, one_by_one, task_of
 from oracles.obvious_refutations import log_of
 from oracles.vehicle_rounds import Cell, draw_plan
 
@@ -42,14 +37,10 @@ pytest.importorskip("pysat.solvers")
 Way = list[tuple[Cell, ...]]
 
 
-def signed(found: Encoded) -> list[list[int]]:
-    return list(found.each())
-
-
 def proof_of(task: VehicleTask, refuted: int, way: Way) -> FollowingProof:
     """Return the proof of a claim, with a log where one is found; it need not hold."""
     encoded = clauses_of(task, refuted)
-    log = log_of(len(encoded.variables), signed(encoded)) if task.least <= refuted else None
+    log = log_of(len(encoded.variables), one_by_one(encoded)) if task.least <= refuted else None
     return FollowingProof(
         rule=task.rule,
         starts=task.starts,
@@ -131,7 +122,7 @@ def same(task: VehicleTask, rounds: int) -> int:
     derived = np.where(literals & 1, -(literals >> 1), literals >> 1).tolist()
     begins = [0, *ends.tolist()]
     found = Counter(frozenset(derived[begin:end]) for begin, end in pairwise(begins))
-    assert found == Counter(map(frozenset, signed(encoded)))
+    assert found == Counter(map(frozenset, one_by_one(encoded)))
     return len(found)
 
 

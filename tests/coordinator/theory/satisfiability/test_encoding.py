@@ -9,9 +9,13 @@ import pytest
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.satisfiability import clauses, encoding
-from cubepath.coordinator.theory.satisfiability.clauses import ClauseBuffer, EncodingProblem
-from cubepath.coordinator.theory.satisfiability.encoding import TooLargeError, encode
+from cubepath.coordinator.theory.satisfiability import encoding
+from cubepath.coordinator.theory.satisfiability.encoding import (
+    ClauseBuffer,
+    EncodingProblem,
+    TooLargeError,
+    encode,
+)
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import Action
@@ -215,7 +219,7 @@ def test_a_budget_that_is_spent_ends_the_building_of_clauses(
     met = MetMoves(where.system, (), where.start_state, where.goal or frozenset())
     met.reach(9)
     written: list[bool] = []
-    write = clauses.write
+    write = encoding.write
 
     def counted(
         problem: EncodingProblem, out: ClauseBuffer, variables: int, fill: bool

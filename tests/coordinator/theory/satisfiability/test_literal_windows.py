@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from cubepath.coordinator.normal_form.definitions import end_state
-from cubepath.coordinator.theory.satisfiability.literal_windows import (
+from cubepath.coordinator.theory.satisfiability.met_moves import (
     NEVER,
     LiteralWindows,
+    MetMoves,
+    window_bound,
     windows_of,
 )
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.theory.satisfiability.window_bounds import window_bound
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site

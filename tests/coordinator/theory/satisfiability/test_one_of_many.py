@@ -8,11 +8,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from cubepath.coordinator.theory.satisfiability.clauses import SITE
-from cubepath.coordinator.theory.satisfiability.encoding import encode
-from cubepath.coordinator.theory.satisfiability.literal_windows import windows_of
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.theory.satisfiability.one_of_many import SiteGroup
+from cubepath.coordinator.theory.satisfiability.encoding import SITE, encode
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, SiteGroup, windows_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.scenes.specs import scene_from_spec
 from oracles.complexes import states_of

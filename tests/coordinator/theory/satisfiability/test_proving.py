@@ -10,8 +10,7 @@ import pytest
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.theory.optimality.optimality_proof import proof_of
-from cubepath.coordinator.theory.optimality.tasks import task_of
+from cubepath.coordinator.theory.optimality.tasks import proof_of, task_of
 from cubepath.coordinator.theory.satisfiability import encoding
 from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.theory.satisfiability.proving import (

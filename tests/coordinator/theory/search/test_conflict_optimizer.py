@@ -14,7 +14,7 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_cube
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
-from cubepath.coordinator.theory.search import conflict_kernel as kernel
+from cubepath.coordinator.theory.search import conflict_optimizer as kernel
 from cubepath.coordinator.theory.search.anytime import Improvement, improve
 from cubepath.coordinator.theory.search.conflict_optimizer import ConflictOptimizer, VehicleEnds
 from cubepath.coordinator.theory.search.own_ends import ends_of

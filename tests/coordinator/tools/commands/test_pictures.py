@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cubepath.agents.rendering.pen import DARK, GOAL, PAPER, palette
+from cubepath.agents.rendering.style import DARK, GOAL, PAPER, palette
 from cubepath.coordinator.commands.main import main
 from processes.watched_pages import OWN
 

@@ -21,8 +21,7 @@ from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.states import states_of
 from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.coordinator.tools.exports.foxglove import TOPICS
-from cubepath.coordinator.tools.exports.viewer_mcap import times_of
+from cubepath.coordinator.tools.exports.viewers import TOPICS, times_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
@@ -365,9 +364,6 @@ def test_where_nobody_knows_the_places_no_robot_is_shown(
         ({"round_seconds": 0.0}, "a round of 0 s: expected at least 1e-09 s"),
         ({"round_seconds": float("nan")}, "a round of nan s"),
         ({"round_seconds": 1e12}, "expected less than 2\\^63 nanoseconds"),
-        ({"table": "claims"}, "no tables and no kinds, expected a choice by rounds and topics"),
-        ({"form": "csv", "foxglove": True}, "csv has no time line and no space"),
-        ({"form": "csv", "log_time": "wall"}, "csv has no time line and no space"),
         ({"form": "rrd", "topics": ["go"]}, "no tables and no kinds, expected a choice by rounds$"),
     ],
 )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from cubepath.coordinator.runs.asking import Released
-from cubepath.coordinator.tools.live import claims as module
-from cubepath.coordinator.tools.live.claims import ClaimListener
+from cubepath.coordinator.tools.live import feed as module
+from cubepath.coordinator.tools.live.feed import ClaimListener
 from cubepath.coordinator.tools.live.remote_pages import Levels
-from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
+from cubepath.coordinator.tools.viewing.run_view import NumberedWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.scenes.specs import scene_from_spec

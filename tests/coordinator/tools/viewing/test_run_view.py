@@ -13,8 +13,7 @@ import pytest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.tools.viewing.pages import pack, unpack
-from cubepath.coordinator.tools.viewing.run_view import RunView, document_of
-from cubepath.coordinator.tools.viewing.worlds import NumberedWorld
+from cubepath.coordinator.tools.viewing.run_view import NumberedWorld, RunView, document_of
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
 from oracles.obvious import obvious_normal_form

@@ -7,7 +7,7 @@ from itertools import pairwise
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.tools.viewing.worlds import waits_of
+from cubepath.coordinator.tools.viewing.run_view import waits_of
 from cubepath.protocol.core.actions import commute
 from samples.strategies import SCENES, Word, crowded_words, walks, words
 

@@ -1,9 +1,10 @@
-"""The command ``cubepath complex``."""
+"""The commands ``cubepath complex`` and ``cubepath paper``."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, SYSTEM_HELP, answer, complain, table
@@ -12,10 +13,10 @@ from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
-from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:
     from cubepath.coordinator.theory.complexes.report import ComplexReport
+    from cubepath.coordinator.theory.paper.examples import ClaimResult
     from cubepath.protocol.core.system import Scene
 
 
@@ -47,9 +48,8 @@ def add_complex(complex_: argparse.ArgumentParser) -> None:
 
 
 def _complex(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.theory.complexes.drawing import SUFFIXES, draw_complex  # noqa: PLC0415
     from cubepath.coordinator.theory.complexes.exploration import MAX_STATES  # noqa: PLC0415
-    from cubepath.coordinator.theory.complexes.export import write_complex  # noqa: PLC0415
+    from cubepath.coordinator.theory.complexes.export import SUFFIXES, draw_complex, write_complex  # noqa: PLC0415
     from cubepath.coordinator.theory.complexes.report import complex_report  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
@@ -60,8 +60,6 @@ def _complex(options: argparse.Namespace) -> int:
     limit: int = options.max_states or MAX_STATES
     with progress_bar(None, "complex", " done") as bar:
         scene = scene_from_spec(options.system)
-        if not (options.shape or options.max_states):
-            _check_end(scene)
         stage = ""
 
         def watch(what: str, done: int, total: int) -> None:
@@ -102,22 +100,6 @@ def _complex(options: argparse.Namespace) -> int:
     if output is not None:
         complain(f"written to {output}")
     return DONE
-
-
-def _check_end(scene: Scene) -> None:
-    """Say at once where there is no end of states; InputError names who can wander off."""
-    from cubepath.coordinator.theory.search.endless import wandering  # noqa: PLC0415
-
-    found = wandering(scene)
-    if found is not None:
-        who = "all modules"
-        if len(found.modules) < len(scene.start):
-            who = "modules at " + " and ".join(map(site_text, found.modules))
-        raise InputError(
-            f"{scene.spec}: endless, since {found.moves} moves take {who} on by {list(found.by)},"
-            " again and again: expected --shape, a scene with a base (base=1) or a workspace, or"
-            " --max-states N to look at so many"
-        )
 
 
 def _advice(scene: Scene) -> str:
@@ -172,3 +154,52 @@ def _torsion(torsion: tuple[tuple[int, ...], ...]) -> list[str]:
         for k, factors in enumerate(torsion)
         if factors
     ]
+
+
+def add_paper(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``paper``."""
+    parser.set_defaults(command=_paper)
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims  # noqa: PLC0415
+
+    claims = all_claims()
+    rows: list[ClaimResult] = []
+    with progress_bar(len(claims), "paper", " claims") as bar:
+
+        def note(row: ClaimResult) -> None:
+            rows.append(row)
+            bar.update()
+
+        try:
+            compute_claims(claims, note)
+        except KeyboardInterrupt:
+            bar.close()
+            _say_rows(options, rows)  # keep what was computed
+            raise
+    _say_rows(options, rows)
+    wrong = [row for row in rows if not row.as_expected]
+    for row in wrong:
+        complain(f"{row.item}: not what is known to come out: {row.computed}")
+    return FAILED if wrong else DONE
+
+
+def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
+    lines = []
+    for row in rows:
+        mark = {True: "agrees", False: "DIFFERS", None: "open"}[row.agrees]
+        lines += [
+            f"{mark:<8} {row.item}  ({row.seconds:.1f} s)",
+            *_wrapped("claim", row.claim),
+            *_wrapped("computed", row.computed),
+        ]
+    found = [sum(row.agrees is outcome for row in rows) for outcome in (True, False, None)]
+    lines.append(f"{len(rows)} claims: {found[0]} agree, {found[1]} differ, {found[2]} open")
+    answer(options, [row.document() for row in rows], "\n".join(lines))
+
+
+def _wrapped(name: str, text: str) -> list[str]:
+    return fill(
+        text, width=100, initial_indent=f"         {name:<9} ", subsequent_indent=" " * 19
+    ).splitlines()

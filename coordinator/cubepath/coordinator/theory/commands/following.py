@@ -1,27 +1,169 @@
-"""``cubepath improve --following``: plans whose vehicles may follow, and how they are verified."""
+"""Plans whose vehicles follow: ``cubepath improve --following``, their proofs and ``verify``."""
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
-from cubepath.coordinator.commands.files import Output, check_files, file_name
+from cubepath.coordinator.commands.console import answer, table
+from cubepath.coordinator.commands.files import Output, check_files, file_name, none_written
 from cubepath.coordinator.commands.path_options import duration_file, given_durations, hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.theory.commands.following_proofs import write_fewest
+from cubepath.coordinator.commands.verify import answer_checks
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.formatting import visible
+from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import InputFile, opened
+from cubepath.protocol.core.sites import to_json
 
-if TYPE_CHECKING:  # a command starts faster without them
+if TYPE_CHECKING:
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.theory.following.optimum import FewestRounds
     from cubepath.coordinator.theory.following.timetable import FollowingTimetable
-    from cubepath.protocol.path_files.following import FollowingHead
+    from cubepath.coordinator.theory.proof_checking.following_proof import (
+        FewestRoundsResult,
+        FollowingRefutation,
+    )
+    from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation, ProofResult
+    from cubepath.protocol.path_files.following import FollowingFile, FollowingHead
+    from cubepath.protocol.path_files.following_proofs import FollowingProof
+    from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
     from cubepath.protocol.plans.imported import VehiclePlan
+
+CLAUSES, LOG = ".cnf", ".drat"
+"""The suffixes of what other checkers read."""
+_TEXT_MAX = 60
+"""Longest text of a state, in characters, that is printed rather than its digest."""
+
+
+ToldProof: TypeAlias = tuple[list[tuple[str, str]], dict[str, Any]]
+"""What a checked proof proves, as rows for people and as a document."""
+
+
+class ClaimedProof(NamedTuple):
+    """A proof that is yet to be checked."""
+
+    refutation: ClaimedRefutation | FollowingRefutation
+    other_task: str | None
+    """Why it is about another task than the one that is given, None if it is not."""
+    told: Callable[[Any], ToldProof]
+    """Returns what its result proves."""
+
+
+def digest(value: object) -> str:
+    """Return the SHA-256, in hexadecimal, of a value as compact JSON with sorted keys."""
+    return hashlib.sha256(_json(value).encode()).hexdigest()
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+def state_text(sites: list[Any], what: str) -> str:
+    """Return sites, given in JSON form, as JSON, or where that is long their number and digest."""
+    text = _json(sites)
+    return text if len(text) <= _TEXT_MAX else f"{len(sites)} {what}, SHA-256 {digest(sites)}"
+
+
+def told_of(
+    proof: FollowingProof | OptimalityProof,
+    found: FewestRoundsResult | ProofResult,
+    claim: str,
+    *,
+    head: dict[str, Any],
+    counts: dict[str, int],
+    task: ToldProof,
+) -> ToldProof:
+    """Return what a proof proves that was checked; `head` and `counts` are keys of the document."""
+    claim += ": optimal" if found.optimal else ""
+    rows = [("proved" if found.proved else "agreed", claim), *task[0], ("solver", proof.solver)]
+    document = {"ok": found.proved, "standing": proof.standing, **head}
+    document |= {"optimal": found.optimal, "solver": proof.solver, **counts}
+    return [*rows, *((name, str(count)) for name, count in counts.items())], document | task[1]
+
+
+def write_others(
+    options: argparse.Namespace, refutation: ClaimedRefutation | FollowingRefutation
+) -> None:
+    """Write the clauses and the log for other checkers to the files that are asked for."""
+    from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
+
+    for path in options.out:
+        with written_whole(path) as stream:
+            for piece in (
+                refutation.dimacs() if path.suffix.lower() == CLAUSES else refutation.proof.log
+            ):
+                stream.write(piece)
+
+
+def write_fewest(
+    options: argparse.Namespace, fewest: FewestRounds, timetable: FollowingFile
+) -> list[tuple[str, object]]:
+    """Write what was proved, if that is asked for; return the line of the summary."""
+    from cubepath.coordinator.theory.following.files import fewest_rounds_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.following_proofs import write_following_proof  # noqa: PLC0415
+
+    if options.proof is None:
+        return []
+    proof: Path = options.proof
+    if fewest.refuted is None:
+        return [("proof", none_written(proof, "nothing moves"))]
+    write_following_proof(proof, fewest_rounds_proof(fewest.refuted, timetable))
+    return [("proof", file_name(proof))]
+
+
+def given_plan(options: argparse.Namespace) -> VehiclePlan | None:
+    """Return the plan that a proof is to be about, None if none is given."""
+    from cubepath.coordinator.theory.following.files import read_vehicle_plan  # noqa: PLC0415
+
+    if options.of is None:
+        return None
+    return read_vehicle_plan(options.of, options.system, hints(options))
+
+
+def claimed_following(
+    file: InputFile, plan: VehiclePlan | None, tell: Callable[[str, int], object]
+) -> ClaimedProof:
+    """Return what a proof about vehicles claims; CheckError for what already does not hold."""
+    from cubepath.coordinator.theory.proof_checking.following_proof import FollowingRefutation  # noqa: PLC0415
+    from cubepath.protocol.path_files.following_proofs import read_following_proof  # noqa: PLC0415
+
+    proof = read_following_proof(file)
+    refutation = FollowingRefutation(proof, tell)
+
+    def told(found: FewestRoundsResult) -> ToldProof:
+        less = f"no timetable of {counted(found.refuted, 'round')} or fewer"
+        return told_of(
+            proof,
+            found,
+            f"under the rule {proof.rule} {less}; the timetable has {found.rounds}",
+            head={"following": proof.rule, "refuted": found.refuted, "rounds": found.rounds},
+            counts={"variables": found.variables, "clauses": found.clauses, "lemmas": found.lemmas},
+            task=_task(proof),
+        )
+
+    return ClaimedProof(refutation, None if plan is None else refutation.other_task(plan), told)
+
+
+def _task(proof: FollowingProof) -> ToldProof:
+    """Return what a proof is about; the digest of its graph does not depend on any numbering."""
+    cells = proof.vertices
+    edges = sorted({tuple(sorted((cells[one], cells[other]))) for one, other in proof.edges})
+    sha256 = digest([sorted(cells), edges])
+    starts, ends = to_json(tuple(proof.starts)), to_json(tuple(proof.ends))
+    vertices = "1 vertex" if len(cells) == 1 else f"{len(cells)} vertices"
+    rows = [
+        ("graph", f"{vertices}, {counted(len(edges), 'edge')}, SHA-256 {sha256}"),
+        ("vehicles", str(len(proof.starts))),
+        ("starts", state_text(starts, "cells")),
+        ("ends", state_text(ends, "cells")),
+    ]
+    graph = {"vertices": len(cells), "edges": len(edges), "sha256": sha256}
+    return rows, {"graph": graph, "vehicles": len(proof.starts), "starts": starts, "ends": ends}
 
 
 _FOR_CUBES = ("seconds", "steps", "bounds", "max_states")
@@ -201,29 +343,19 @@ def verify_following(options: argparse.Namespace, file: InputFile) -> int:
         plan = read_vehicle_plan(options.of, options.system, hints(options))
         found = check_following(timetable, plan)
     head = timetable.head
-    document = {
-        "ok": not any(found.values()),
-        "checks": [
-            {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
-        ],
-        "moves": len(plan.moves),
-        "reduced_moves": None if head.cancelled is None else head.moves,
-        "following": head.rule,
-        "rounds": head.rounds,
-        "makespan": head.rounds if head.makespan is None else head.makespan,
-    }
-    width = max(map(len, found))
-    lines = [
-        f"{'ok    ' if why is None else 'FAILED'}  {name:<{width}}  {why or ''}".rstrip()
-        for name, why in found.items()
-    ]
-    wrong = [name for name, why in found.items() if why is not None]
-    if not wrong:
-        lines.append(_proved(head, file_name(options.of)))
-    answer(options, document, "\n".join(map(visible, lines)))
-    if wrong:
-        complain(f"{file.path}: checks failed: {', '.join(wrong)}")
-    return FAILED if wrong else DONE
+    return answer_checks(
+        options,
+        str(file.path),
+        found,
+        {
+            "moves": len(plan.moves),
+            "reduced_moves": None if head.cancelled is None else head.moves,
+            "following": head.rule,
+            "rounds": head.rounds,
+            "makespan": head.rounds if head.makespan is None else head.makespan,
+        },
+        _proved(head, file_name(options.of)),
+    )
 
 
 def _proved(head: FollowingHead, of: str) -> str:

@@ -7,19 +7,20 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.path_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.theory.commands.checked_proofs import (
+from cubepath.coordinator.theory.commands.following import (
     CLAUSES,
     LOG,
-    CheckedProof,
     ClaimedProof,
+    ToldProof,
     digest,
     state_text,
+    told_of,
     write_others,
 )
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -31,7 +32,6 @@ from cubepath.protocol.file_forms import FORMS
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.path_input import PathInput
     from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation, ProofResult
-    from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
 
 _SUFFIX = ".proof"
 
@@ -85,7 +85,7 @@ def _is_proof(path: Path, source: Source) -> bool:
 
 def verify_proof(options: argparse.Namespace, source: Source) -> int:
     """Check a proof of optimality; the exit code is 1 unless it is proved."""
-    from cubepath.coordinator.theory.commands.following_proofs import claimed_following, given_plan  # noqa: PLC0415
+    from cubepath.coordinator.theory.commands.following import claimed_following, given_plan  # noqa: PLC0415
 
     path: Path = options.logs[0]
     check_files(
@@ -103,24 +103,29 @@ def verify_proof(options: argparse.Namespace, source: Source) -> int:
         given = None if following else _input(options)
         try:
             claimed = (
-                claimed_following(options, file, plan, tell)
-                if following
-                else _claimed(options, file, given, tell)
+                claimed_following(file, plan, tell) if following else _claimed(file, given, tell)
             )
+            if claimed.other_task is None and any(
+                each.suffix.lower() == CLAUSES for each in options.out
+            ):
+                _ = claimed.refutation.clauses  # which may be wrong, before the file is opened
         except CheckError as error:
             return _refuse(options, error)
+        if claimed.other_task is not None:
+            return _refuse(options, CheckError(f"{file_name(options.of)} {claimed.other_task}"))
         # Outside: that a file cannot be written says nothing about the proof.
-        write_others(options, claimed)
+        write_others(options, claimed.refutation)
         try:
-            found = claimed.checked()
+            found = claimed.refutation.checked()
         except CheckError as error:
             return _refuse(options, error)
     seconds = time.monotonic() - began
-    rows = [*found.rows, ("time", f"{seconds:.2f} s")]
+    rows, document = claimed.told(found)
+    rows.append(("time", f"{seconds:.2f} s"))
     width = max(len(name) for name, _ in rows)
     answer(
         options,
-        found.document | {"seconds": round(seconds, 3)},
+        document | {"seconds": round(seconds, 3)},
         "\n".join(f"{name:<{width}}  {visible(value)}" for name, value in rows),
     )
     if found.proved:
@@ -141,10 +146,7 @@ def _input(options: argparse.Namespace) -> PathInput | None:
 
 
 def _claimed(
-    options: argparse.Namespace,
-    file: InputFile,
-    given: PathInput | None,
-    tell: Callable[[str, int], object],
+    file: InputFile, given: PathInput | None, tell: Callable[[str, int], object]
 ) -> ClaimedProof:
     """Return what a proof about cubes claims; CheckError for what already does not hold."""
     from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation  # noqa: PLC0415
@@ -152,20 +154,21 @@ def _claimed(
 
     proof = read_proof(file)
     refutation = ClaimedRefutation(proof, tell)
-    why = None if given is None else _another_task(refutation, given)
-    if why is not None:
-        raise CheckError(f"{file_name(options.of)} {why}")
-    if any(each.suffix.lower() == CLAUSES for each in options.out):
-        _ = refutation.clauses  # which may be wrong, before the file is opened
 
-    def checked() -> CheckedProof:
-        found = refutation.checked()
-        task = _task(refutation)
-        rows = _rows(proof, found)
-        rows[1:1] = _task_rows(task, len(proof.moves))
-        return CheckedProof(found.proved, rows, _document(proof, found) | task)
+    def told(found: ProofResult) -> ToldProof:
+        less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
+        counts = {"moves": found.moves, "variables": found.variables}
+        return told_of(
+            proof,
+            found,
+            f"{less}; the schedule has {found.cubes}",
+            head={"refuted": found.refuted, "cubes": found.cubes},
+            counts=counts | {"clauses": found.clauses, "lemmas": found.lemmas},
+            task=_task(refutation),
+        )
 
-    return ClaimedProof(refutation.dimacs, proof.log, checked)
+    other = None if given is None else _another_task(refutation, given)
+    return ClaimedProof(refutation, other, told)
 
 
 def _refuse(options: argparse.Namespace, error: CheckError) -> int:
@@ -176,64 +179,26 @@ def _refuse(options: argparse.Namespace, error: CheckError) -> int:
     return FAILED
 
 
-def _task(refutation: ClaimedRefutation) -> dict[str, Any]:
+def _task(refutation: ClaimedRefutation) -> ToldProof:
     """Return what a proof is about: its system, None if its moves are listed, and its ends."""
     proof, scene = refutation.proof, refutation.scene
-    system = None
+    system, told = None, f"none, {counted(len(proof.moves), 'listed move')}"
     if scene is not None:
-        table = {scene.system.table: scene.system.to_table()}
-        system = {"name": scene.spec, "sha256": digest(table)}
-    return {
-        "system": system,
-        "start": to_json(in_order(proof.start)),
-        "goal": to_json(in_order(proof.goal)),
-    }
-
-
-def _task_rows(task: dict[str, Any], moves: int) -> list[tuple[str, str]]:
-    system = task["system"]
-    listed = f"none, {counted(moves, 'listed move')}"
-    return [
-        ("system", f"{system['name']}, SHA-256 {system['sha256']}" if system else listed),
-        ("start", state_text(task["start"], "sites")),
-        ("goal", state_text(task["goal"], "sites")),
+        sha256 = digest({scene.system.table: scene.system.to_table()})
+        system, told = {"name": scene.spec, "sha256": sha256}, f"{scene.spec}, SHA-256 {sha256}"
+    start, goal = to_json(in_order(proof.start)), to_json(in_order(proof.goal))
+    rows = [
+        ("system", told),
+        ("start", state_text(start, "sites")),
+        ("goal", state_text(goal, "sites")),
     ]
-
-
-def _rows(proof: OptimalityProof, found: ProofResult) -> list[tuple[str, str]]:
-    less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
-    has = f"the schedule has {found.cubes}"
-    if found.optimal:
-        has += ": optimal"
-    return [
-        ("proved" if found.proved else "agreed", f"{less}; {has}"),
-        ("solver", proof.solver),
-        ("moves", str(found.moves)),
-        ("variables", str(found.variables)),
-        ("clauses", str(found.clauses)),
-        ("lemmas", str(found.lemmas)),
-    ]
-
-
-def _document(proof: OptimalityProof, found: ProofResult) -> dict[str, Any]:
-    return {
-        "ok": found.proved,
-        "standing": proof.standing,
-        "refuted": found.refuted,
-        "cubes": found.cubes,
-        "optimal": found.optimal,
-        "solver": proof.solver,
-        "moves": found.moves,
-        "variables": found.variables,
-        "clauses": found.clauses,
-        "lemmas": found.lemmas,
-    }
+    return rows, {"system": system, "start": start, "goal": goal}
 
 
 def _another_task(refutation: ClaimedRefutation, given: PathInput) -> str | None:
     """Return why a proof is not about the start, the end and the moves of an input."""
     from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
-    from cubepath.coordinator.theory.search.own_ends import ends_of  # noqa: PLC0415
+    from cubepath.coordinator.theory.search.own_ends import OwnEnds  # noqa: PLC0415
 
     scene = given.scene
     start = given.start if scene is None else scene.start_state
@@ -244,8 +209,6 @@ def _another_task(refutation: ClaimedRefutation, given: PathInput) -> str | None
     goal = end_of(given.numbered, start)
     system = None if scene is None else scene.system
     if system is not None and given.labelled_goals:
-        ends = ends_of(given.actions, start)
-        system = system.with_labels(len(ends))
-        start = frozenset((site, label) for label, site in enumerate(ends))
-        goal = frozenset((site, label) for label, site in enumerate(ends.values()))
+        own = OwnEnds.of(system, given.actions, start)
+        system, start, goal = own.system, own.start, own.goal
     return refutation.other_task(system, start, goal, given.actions)

@@ -1,14 +1,9 @@
 """Cubical complexes as arrays: cubes by dimension, each with its two faces in every direction.
 
-A precubical set: it is the common form of state complexes and shape complexes, and the input of
+The common form of state complexes and shape complexes (a precubical set), and the input of
 homology, links, collapses and surfaces. Cubes may be glued to themselves, as in a shape complex.
-
-All cubes of a complex in one row, by ascending dimension, with their faces and cofaces.
-
-Loops over cells of all dimensions use this form instead of one array for each dimension. It is the
-compressed sparse row format of many libraries.
-
-The cubical chain complex: the boundary of every cell, with each face once.
+Loops over cells of all dimensions use one row of all cubes, by ascending dimension, with faces and
+cofaces in compressed sparse rows.
 """
 
 from __future__ import annotations

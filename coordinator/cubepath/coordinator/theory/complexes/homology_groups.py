@@ -2,9 +2,11 @@
 
 Three steps, each exact, each keeping the complex up to chain homotopy equivalence over Z:
 
-1. *Discrete Morse matching by coreductions* on sparse arrays (`morse`); then again on the
-   Morse complex, as long as it shrinks. Linear in the number of incidences, apart
-   from following the paths between critical cells.
+1. *Discrete Morse matching by coreductions* on sparse arrays; then again on the Morse complex, as
+   long as it shrinks. A cell that has just one face left, with incidence 1 or -1, is removed
+   together with that face. If there is no such cell, a cell without faces is removed as critical;
+   it is chosen at the border of the removed cells, which leaves few critical cells and short paths
+   between them. Linear in the number of incidences, apart from following these paths.
    Sources: Mrozek and Batko, *Coreduction homology algorithm* (2009); Forman, *Morse theory for
    cell complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
    Mischaikow, Mrozek and Nanda, *Discrete Morse theoretic algorithms for computing homology of
@@ -12,6 +14,11 @@ Three steps, each exact, each keeping the complex up to chain homotopy equivalen
 2. *Elimination of unit pivots* in the remaining complex, with Python's integers.
 3. *Smith forms and ranks* by python-flint of the rest, which has no unit entries (Hatcher,
    *Algebraic topology*, section 2.2, for how to read homology off them).
+
+The boundary of the Morse complex flows from each critical cell along the matching: a face that is
+matched with a greater cell is replaced by the rest of that cell's boundary, one that is matched
+with a smaller cell is dropped, and a critical face is reached. Paths only go back in the time of
+the matching, so the latest face comes first and each is replaced once.
 
 A cube that is glued to itself may have a face with incidence 0, 2 or -2: a face counts with the sum
 of its incidences, and only a face with incidence 1 or -1 is ever matched.
@@ -23,6 +30,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
 from flint import fmpz_mat, nmod_mat
@@ -31,11 +39,326 @@ from numpy.typing import NDArray
 from cubepath.coordinator.theory.complexes.cubical_complex import (
     Boundary,
     CellRows,
+    Cells,
     CubicalComplex,
+    Numbers,
     boundary_of,
     cofaces,
 )
-from cubepath.coordinator.theory.complexes.morse import Column, matched, morse_columns, paths_along
+from cubepath.protocol.compiled import compiled
+
+
+class Matching(NamedTuple):
+    """What was removed at each time: a pair of a face and a greater cell, or a critical cell twice.
+
+    unit: the incidence of a pair, 1 or -1. All have shape (times,).
+
+    When a pair is removed, all other faces of its greater cell are gone already. So paths along the
+    matching only go back in time, and the matching is acyclic.
+    """
+
+    face: Cells
+    cell: Cells
+    unit: NDArray[np.int8]
+
+
+def matched(boundary: Boundary, above: CellRows) -> Matching:
+    """Match the cells with this boundary; `above` holds the cofaces of every cell."""
+    work = 8 * (len(boundary.start) + len(boundary.face))
+    return _matched.for_work(work)(boundary, above)
+
+
+class _Front(NamedTuple):
+    """The working state of a matching: what is gone, the faces left of each cell, and two queues.
+
+    rest: the number of faces left of each cell, and the exclusive or of their numbers, so that the
+    last of them is known without a search. A cell enters queue[k - 1] when it has k faces left, k =
+    1 or 2, so at most once. The waiting cells are those from place ends[k - 1, 0] up to, not
+    including, ends[k - 1, 1]. Shapes: (cells,), (cells, 2), (2, cells), (2, 2).
+    """
+
+    gone: NDArray[np.bool_]
+    rest: Cells
+    queue: Cells
+    ends: Numbers
+
+
+@compiled
+def _matched(boundary: Boundary, above: CellRows) -> Matching:
+    """Match by coreductions: a cell with one face left and this face; otherwise a critical cell.
+
+    `above` holds the cofaces of every cell.
+    """
+    cells = len(boundary.start) - 1
+    gone, rest = np.zeros(cells, np.bool_), np.zeros((cells, 2), np.int32)
+    front = _Front(gone, rest, np.empty((2, cells), np.int32), np.zeros((2, 2), np.int64))
+    _begin(boundary, front)
+    faces, with_them = np.empty(cells, np.int32), np.empty(cells, np.int32)
+    unit = np.empty(cells, np.int8)
+    now, lowest = 0, 0
+    while True:
+        face, cell, value = _coreduction(boundary, front)
+        if face < 0:
+            face = _critical(boundary, front)
+        if face < 0:
+            while lowest < cells and gone[lowest]:
+                lowest += 1
+            if lowest == cells:
+                return Matching(faces[:now], with_them[:now], unit[:now])
+            face = lowest
+        _take_away(face, above, front)
+        if cell >= 0:
+            _take_away(cell, above, front)
+        faces[now], with_them[now], unit[now] = face, max(face, cell), value
+        now += 1
+
+
+@compiled
+def _begin(boundary: Boundary, front: _Front) -> None:
+    """Count the faces of all cells, and queue those with one."""
+    for cell in range(len(front.rest)):
+        for i in range(boundary.start[cell], boundary.start[cell + 1]):
+            front.rest[cell, 0] += 1
+            front.rest[cell, 1] ^= boundary.face[i]
+        if front.rest[cell, 0] == 1:
+            _wait(cell, front)
+
+
+@compiled
+def _coreduction(boundary: Boundary, front: _Front) -> tuple[int, int, int]:
+    """Return the next face and cell to match, and their incidence; -1, -1, 0 if there are none."""
+    while front.ends[0, 0] < front.ends[0, 1]:
+        cell = front.queue[0, front.ends[0, 0]]
+        front.ends[0, 0] += 1
+        if not front.gone[cell] and front.rest[cell, 0] == 1:
+            face = front.rest[cell, 1]
+            i = boundary.start[cell]
+            while boundary.face[i] != face:
+                i += 1
+            if abs(boundary.value[i]) == 1:
+                return int(face), int(cell), int(boundary.value[i])
+    return -1, -1, 0
+
+
+@compiled
+def _critical(boundary: Boundary, front: _Front) -> int:
+    """Return a cell without faces whose removal leaves a coface with one face; -1 if none waits.
+
+    The coface is the one that has waited longest.
+    """
+    while front.ends[1, 0] < front.ends[1, 1]:
+        cell = front.queue[1, front.ends[1, 0]]
+        front.ends[1, 0] += 1
+        if not front.gone[cell] and front.rest[cell, 0] == 2:
+            for i in range(boundary.start[cell], boundary.start[cell + 1]):
+                face = boundary.face[i]
+                if not front.gone[face] and front.rest[face, 0] == 0:
+                    return int(face)
+    return -1
+
+
+@compiled
+def _take_away(cell: int, above: CellRows, front: _Front) -> None:
+    """Remove the cell from those left, and queue its cofaces with one or two faces left."""
+    front.gone[cell] = True
+    for i in range(above.start[cell], above.start[cell + 1]):
+        coface = int(above.cell[i])
+        left = front.rest[coface, 0] - 1
+        front.rest[coface, 0] = left
+        front.rest[coface, 1] ^= cell
+        if 1 <= left <= 2 and not front.gone[coface]:
+            _wait(coface, front)
+
+
+@compiled
+def _wait(cell: int, front: _Front) -> None:
+    """Put the cell into the queue of cells with the same number of faces left."""
+    which = front.rest[cell, 0] - 1
+    front.queue[which, front.ends[which, 1]] = cell
+    front.ends[which, 1] += 1
+
+
+Column: TypeAlias = dict[int, int]
+
+_DROPPED = -(2**31)
+_SMALL, _LARGE = 4, 12
+"""Binary logarithms of the sizes of the blocks of rows in which waiting rows are counted."""
+
+
+class MorsePaths(NamedTuple):
+    """What each row is replaced by: value[i] times node[i], over start[row] <= i < start[row + 1].
+
+    There is a row for each critical cell and for each pair that is reached from one, the last that
+    was removed first. A node is the row of a pair, always a later one, or -1 - c for the critical
+    cell c. critical: the row of each critical cell.
+    """
+
+    start: Numbers
+    node: Cells
+    value: Cells
+    critical: Numbers
+
+
+class _Flow(NamedTuple):
+    """The working state of one column: coefficients of rows, which of them wait, and what it found.
+
+    total: the coefficient of each row, as 64-bit integers, or as Python's integers if 64 bits are
+    too few. waiting: whether a row has one. few, many: how many rows wait in each small and large
+    block. column: the coefficients of critical cells; seen: whether they were reached; reached:
+    those that were, in that order.
+    """
+
+    total: Numbers
+    waiting: NDArray[np.bool_]
+    few: Cells
+    many: Cells
+    column: Numbers
+    seen: NDArray[np.bool_]
+    reached: Cells
+
+
+def paths_along(boundary: Boundary, matching: Matching) -> MorsePaths:
+    """Return the paths along a matching; its critical cells are numbered in ascending order."""
+    times = np.flatnonzero(matching.face == matching.cell)
+    times = times[np.argsort(matching.face[times])]
+    written = _written.for_work(8 * (len(boundary.start) + len(boundary.face)))
+    return written(boundary, matching, len(matching.face) - 1 - times)
+
+
+def morse_columns(paths: MorsePaths, limit: int) -> list[Column] | None:
+    """Return the Morse boundary of every critical cell, as coefficients by critical cell.
+
+    With a limit of 0 it uses Python's integers; otherwise it is compiled, and returns None if a
+    coefficient exceeds the limit.
+    """
+    rows, critical = len(paths.start) - 1, len(paths.critical)
+    run: Callable[[int, MorsePaths, _Flow, int], int] = _flow.for_work(100 * critical)
+    total, column = np.zeros(rows, np.int64), np.zeros(critical, np.int64)
+    if not limit:
+        run = _flow.plain
+        total = cast("Numbers", total.astype(np.object_))
+        column = cast("Numbers", column.astype(np.object_))
+        paths = paths._replace(value=cast("Cells", paths.value.astype(np.object_)))
+    few = np.zeros((rows >> _SMALL) + 1, np.int32)
+    many = np.zeros((rows >> _LARGE) + 1, np.int32)
+    waiting, seen = np.zeros(rows, np.bool_), np.zeros(critical, np.bool_)
+    flow = _Flow(total, waiting, few, many, column, seen, np.empty(critical, np.int32))
+    columns: list[Column] = []
+    for row in paths.critical.tolist():
+        found = run(row, paths, flow, limit)
+        if found < 0:
+            return None
+        here = flow.reached[:found]
+        columns.append(
+            {f: c for f, c in zip(here.tolist(), column[here].tolist(), strict=True) if c}
+        )
+        column[here], seen[here] = 0, False
+    return columns
+
+
+@compiled
+def _written(boundary: Boundary, matching: Matching, critical: Numbers) -> MorsePaths:
+    """Write the rows that can be reached; `critical` holds those of critical cells among all."""
+    rows = len(matching.face)
+    node_of = np.full(len(boundary.start) - 1, _DROPPED, np.int32)
+    for row in range(rows):
+        node_of[matching.face[rows - 1 - row]] = row
+    reached, number = np.zeros(rows, np.bool_), np.empty(rows, np.int32)
+    for place in range(len(critical)):
+        reached[critical[place]] = True
+        node_of[matching.face[rows - 1 - critical[place]]] = -1 - place
+    start = np.zeros(rows + 1, np.int64)
+    # More than enough; what is not written to takes no memory.
+    room = len(boundary.face)
+    node, value = np.empty(room, np.int32), np.empty(room, np.int32)
+    used, kept = 0, 0
+    for row in range(rows):
+        if not reached[row]:
+            continue
+        time = rows - 1 - row
+        cell = matching.cell[time]
+        # The incidence of a pair is its own inverse.
+        sign = 1 if cell == matching.face[time] else -int(matching.unit[time])
+        for i in range(boundary.start[cell], boundary.start[cell + 1]):
+            further = node_of[boundary.face[i]]
+            if further not in (_DROPPED, row):
+                node[used], value[used] = further, sign * boundary.value[i]
+                used += 1
+                if further >= 0:
+                    reached[further] = True
+        number[row] = kept
+        kept += 1
+        start[kept] = used
+    return _renumbered(MorsePaths(start[: kept + 1], node[:used], value[:used], critical), number)
+
+
+@compiled
+def _renumbered(paths: MorsePaths, number: Cells) -> MorsePaths:
+    """Give the rows other numbers, in place."""
+    for i in range(len(paths.node)):
+        if paths.node[i] >= 0:
+            paths.node[i] = number[paths.node[i]]
+    for place in range(len(paths.critical)):
+        paths.critical[place] = number[paths.critical[place]]
+    return paths
+
+
+@compiled
+def _flow(row: int, paths: MorsePaths, flow: _Flow, limit: int) -> int:
+    """Write the column of the critical cell with this row; return how many it reaches.
+
+    Before the call, no row waits, and all coefficients are 0; after it, only those of the reached
+    cells differ from that. Return -1 if a coefficient exceeds the limit; a limit of 0 means none.
+    """
+    factor, found = 1, 0
+    while True:
+        for i in range(paths.start[row], paths.start[row + 1]):
+            node, change = paths.node[i], factor * paths.value[i]
+            if node >= 0:
+                flow.total[node] += change
+                size = abs(flow.total[node])
+                if not flow.waiting[node]:
+                    flow.waiting[node] = True
+                    _count(flow, node, 1)
+            else:
+                cell = -1 - node
+                flow.column[cell] += change
+                size = abs(flow.column[cell])
+                if not flow.seen[cell]:
+                    flow.seen[cell] = True
+                    flow.reached[found] = cell
+                    found += 1
+            if limit and size > limit:
+                return -1
+        factor = 0
+        while factor == 0:
+            row = _next(flow, row)
+            if row == len(flow.waiting):
+                return found
+            factor = flow.total[row]
+            flow.total[row], flow.waiting[row] = 0, False
+            _count(flow, row, -1)
+
+
+@compiled
+def _count(flow: _Flow, row: int, change: int) -> None:
+    flow.few[row >> _SMALL] += change
+    flow.many[row >> _LARGE] += change
+
+
+@compiled
+def _next(flow: _Flow, row: int) -> int:
+    """Return the first row that waits from this one on, or the number of rows."""
+    rows = len(flow.waiting)
+    while row < rows and not flow.waiting[row]:
+        if flow.many[row >> _LARGE] == 0:
+            row = ((row >> _LARGE) + 1) << _LARGE
+        elif flow.few[row >> _SMALL] == 0:
+            row = ((row >> _SMALL) + 1) << _SMALL
+        else:
+            row += 1
+    return min(row, rows)
+
 
 Progress = Callable[[int], None]
 

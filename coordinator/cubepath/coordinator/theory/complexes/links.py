@@ -2,14 +2,8 @@
 
 Source: Abrams and Ghrist, definitions of link and link condition, after Gromov: a cube complex is
 non-positively curved iff in the link of every vertex any k + 1 vertices that are pairwise joined
-by edges bound a unique k-simplex.
-
-The cliques of a small graph, one after another, for compiled code.
-
-The link of one state, from the definition, without any exploration.
-
-This is how the link condition of a non-local system is checked: its complex may be far too large,
-but a link involves only the cubes at one state.
+by edges bound a unique k-simplex. The link of one state follows from the definition without any
+exploration: the complex of a non-local system may be far too large.
 """
 
 from __future__ import annotations

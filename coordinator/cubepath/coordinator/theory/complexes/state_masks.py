@@ -4,22 +4,14 @@ The array form of the formal core: it has `actions.end_at` and `actions.commute`
 words instead of sets, for compiled code. Sites get bits and actions get numbers in the order in
 which they are met, which depends only on the scene.
 
-A hash table of states that keeps their hashes, compiled.
-
 The hash of a state is the exclusive or of a key for each bit that is on (Zobrist, *A new hashing
-method with application for game playing*, 1970). So the hash after an action is that of the state
-and one number of the action; and it stays the same when rows become wider.
-
-A slot holds the hash in its upper half and the number of a state in its lower half. States are
-compared only where the hashes agree, so equal hashes cost time and decide nothing; and the table
-grows without a look at the states.
-
-Which actions are admissible at a state: `actions.end_at` on rows of 64-bit words, compiled.
+method with application for game playing*, 1970), so it changes by one number of an action, and
+stays the same when rows become wider. A slot of the table holds the hash in its upper half and the
+number of a state in its lower half; states are compared only where the hashes agree.
 
 A module's proposals are filed under the bit of its site. Of each only the words that matter are
-kept: those where its local state needs something besides the module itself, which is known to be
-there. Words in which it needs other modules come first, since few sites are on, and most proposals
-fail there. So a state costs about one comparison for each proposal, however many words it has.
+kept, those in which it needs other modules first, since few sites are on, and most proposals fail
+there. So a state costs about one comparison for each proposal, however many words it has.
 """
 
 from __future__ import annotations

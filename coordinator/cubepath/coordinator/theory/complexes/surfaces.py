@@ -1,18 +1,9 @@
 """Surfaces among the complexes of squares: closed or with a boundary, recognised and named.
 
-Connected components, and two-sidedness: a union-find with parity, compiled.
-
-Sources: Tarjan, *Efficiency of a good but not linear set union algorithm* (1975), with path
-compression; the parity of each element against its root is the usual extension.
-
-Closed surfaces among the complexes of squares: recognised, oriented, and named.
-
 A complex of dimension 2 is a closed surface iff every edge lies in two squares, counted as often as
 it is a side of each, and the link of every vertex is one circle. Its components are then classified
 by Euler characteristic and orientability (Brahana, Dehn and Heegaard; Massey, *A basic course in
-algebraic topology*, chapter I).
-
-The surface with boundary that a complex of squares becomes when its pinch points are split.
+algebraic topology*, chapter I), by a union-find with path compression (Tarjan 1975) and parity.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
-"""Timetables as files: what `cubepath improve --following RULE -o FILE` writes.
+"""Plans of vehicles read, and timetables and proofs about them as files.
 
-They are checked by code that shares nothing with what computed them before anybody is told.
-
-Reading plans of vehicles with the planner's rounds.
-
-The proof that no timetable in which vehicles follow is shorter, as a file.
+Code that shares nothing with what computed a timetable checks it before it is printed.
 """
 
 from __future__ import annotations
@@ -13,8 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO
 
-from cubepath.coordinator.theory.following.encoding import cell_of
-from cubepath.coordinator.theory.following.optimum import Refuted
+from cubepath.coordinator.theory.following.optimum import Refuted, cell_of
 from cubepath.coordinator.theory.following.timetable import FollowingTimetable
 from cubepath.coordinator.theory.proof_checking.following import check_following
 from cubepath.protocol.core.errors import CheckError, InputError

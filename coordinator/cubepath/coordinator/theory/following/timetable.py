@@ -6,32 +6,21 @@ visits every vertex in the order of the plan. The timetable is the least solutio
 inequalities, where move m begins at s(m) and takes d(m):
 
 - a vehicle's next move begins when its last has ended: s(n) >= s(m) + d(m);
-- who enters a vertex waits for the vehicle that left it last, as `rules.wait` says;
+- a vehicle that enters a vertex waits for the one that left it last, as `wait` says;
 - the moves of a rotation begin together.
 
 The planner's own rounds satisfy them if the planner kept to the rule, so no move is later than in
 the plan. In the order of the plan every move comes after those it waits for, rotations apart, so
 one pass finds the least solution, and for each move an inequality that holds with equality. A chain
 of those from the last move back to the start is as long as the timetable: none is shorter with
-these moves in this order.
-
-These moves do not commute. So there are no cubes here, no homotopy classes, and the timetable is
-the least for this order of visits alone.
-
-It knows neither the heap nor the normal form.
-
-The rules by which a vehicle may follow another into a vertex, and the inequalities they mean.
+these moves in this order. These moves do not commute, so there are no cubes and no classes here.
 
 Under the rule of multi-agent path finding (`mapf`) a vehicle may enter a vertex while another
 leaves it: it begins to enter no earlier than the other begins to leave, and arrives no earlier than
 the other has left. Under that of CG:SHOP 2021 (`cgshop`) it may do so only in the direction in
 which the other leaves; otherwise it begins when the other has left. Where all moves take one round,
-"no earlier" is: in the same round, or later. Nobody swaps places along an edge.
-
-For unit squares that move at a constant pace the rule of CG:SHOP is what their bodies allow: two of
-them on a line do not overlap if and only if the one behind neither begins nor arrives earlier.
-
-The chain of moves that proves a timetable the least, in words.
+"no earlier" is: in the same round, or later. Nobody swaps places along an edge. For unit squares
+that move at a constant pace the rule of CG:SHOP is what their bodies allow.
 """
 
 from __future__ import annotations
@@ -81,16 +70,8 @@ Cell = tuple[int, int]
 Pairs = tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class TimetableStep:
-    """Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
-
-    places: tuple[int, ...]
-
-    @property
-    def is_rotation(self) -> bool:
-        """Whether vehicles rotate."""
-        return len(self.places) > 1
+TimetableStep: TypeAlias = tuple[int, ...]
+"""Moves of a plan that are made at one time, by their places: a single move, or a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +102,12 @@ class FollowingTimetable:
     @property
     def rotates(self) -> bool:
         """Whether vehicles rotate in the plan, which then has no order of moves one by one."""
-        return any(step.is_rotation for step in steps_of(self.plan))
+        return any(len(step) > 1 for step in steps_of(self.plan))
 
     @property
     def rotations(self) -> int:
         """How many rotations are left."""
-        return sum(step.is_rotation for step in self.steps)
+        return sum(len(step) > 1 for step in self.steps)
 
     @cached_property
     def chain(self) -> tuple[int, ...]:
@@ -169,7 +150,7 @@ def following_timetable(
     moves = plan.moves
     steps = steps_of(plan)
     for step in steps:
-        if step.is_rotation and rule == "cgshop":
+        if len(step) > 1 and rule == "cgshop":
             raise InputError(
                 f"{_rotation(plan, step)}: under the rule of CG:SHOP 2021 nobody turns into a"
                 " vertex that is being left; expected --following mapf"
@@ -179,7 +160,7 @@ def following_timetable(
     unit = lcm(*(each.denominator for each in taken))
     times = [each.numerator * (unit // each.denominator) for each in taken]
     for step in left:
-        if len({times[place] for place in step.places}) > 1:
+        if len({times[place] for place in step}) > 1:
             raise InputError(
                 f"{_rotation(plan, step)}: their moves take unequal times; expected one for all,"
                 " as they begin and end together"
@@ -209,7 +190,7 @@ def steps_of(plan: VehiclePlan) -> list[TimetableStep]:
             end += 1
         train = tuple(range(place, end))
         rotates = _closes(moves, place, end)
-        found += [TimetableStep(train)] if rotates else [TimetableStep((each,)) for each in train]
+        found += [train] if rotates else [(each,) for each in train]
         place = end
     return found
 
@@ -235,9 +216,9 @@ def _reduced(
     # For each vertex the steps that visit it and are left so far, the last of them on top.
     visits: dict[Cell, list[int]] = {}
     for number, step in enumerate(steps):
-        ends = [visits.setdefault(moves[place].source, []) for place in step.places]
-        if not step.is_rotation:
-            ends.append(visits.setdefault(moves[step.places[0]].target, []))
+        ends = [visits.setdefault(moves[place].source, []) for place in step]
+        if len(step) == 1:
+            ends.append(visits.setdefault(moves[step[0]].target, []))
         before = {end[-1] if end else -1 for end in ends}
         last = before.pop()
         undone = None if before or last < 0 else _undone(moves, steps[last], step)
@@ -257,9 +238,9 @@ def _undone(
     moves: Sequence[VehicleMove], earlier: TimetableStep, later: TimetableStep
 ) -> list[tuple[int, int]] | None:
     """Return the pairs of moves by which a step takes back an earlier one, None if it does not."""
-    by_vehicle = {moves[place].vehicle: place for place in earlier.places}
+    by_vehicle = {moves[place].vehicle: place for place in earlier}
     found: list[tuple[int, int]] = []
-    for place in later.places:
+    for place in later:
         back = moves[place]
         there = by_vehicle.get(back.vehicle)
         if there is None or (moves[there].source, moves[there].target) != (
@@ -268,7 +249,7 @@ def _undone(
         ):
             return None
         found.append((there, place))
-    return found if len(found) == len(earlier.places) else None
+    return found if len(found) == len(earlier) else None
 
 
 def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Fraction]:
@@ -294,37 +275,36 @@ def _least(
     own: dict[int, int] = {}  # the last move of each vehicle
     left: dict[Cell, int] = {}  # the last move that left a vertex
     for step in steps:
-        begin, binds, bound = 0, None, step.places[0]
-        for place in step.places:
+        begin, binds, bound = 0, None, step[0]
+        for place in step:
             move = moves[place]
             waits = [(own[move.vehicle], times[own[move.vehicle]])] if move.vehicle in own else []
-            before = None if step.is_rotation else left.get(move.target)
+            before = None if len(step) > 1 else left.get(move.target)
             if before is not None:
                 both = times[before], times[place]
                 waits.append((before, wait(rule, moves[before], move, both)))
             for earlier, delay in waits:
                 if starts[earlier] + delay > begin:
                     begin, binds, bound = starts[earlier] + delay, earlier, place
-        for place in step.places:
+        for place in step:
             starts[place] = begin
             binding[place] = binds if place == bound else None
             own[moves[place].vehicle] = place
             left[moves[place].source] = place
-        if step.is_rotation and begin:
+        if len(step) > 1 and begin:
             _bind_rotation(step, bound, binding)
     return starts, binding
 
 
 def _bind_rotation(step: TimetableStep, bound: int, binding: dict[int, int | None]) -> None:
     """Let every move of a rotation but one follow the move whose vertex it enters."""
-    places = step.places
-    ahead = zip(places, (places[-1], *places), strict=False)
+    ahead = zip(step, (step[-1], *step), strict=False)
     binding.update((place, before) for place, before in ahead if place != bound)
 
 
 def _rotation(plan: VehiclePlan, step: TimetableStep) -> str:
     """Return the beginning of an error on a rotation: the file, the round, who and where."""
-    moves = [plan.moves[place] for place in step.places]
+    moves = [plan.moves[place] for place in step]
     who = [str(move.vehicle) for move in moves]
     return (
         f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(who[:-1])} and {who[-1]}"

@@ -15,12 +15,10 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.shortening.normal_path import Shortened
-from cubepath.coordinator.theory.optimality.optimality_proof import proof_of
-from cubepath.coordinator.theory.optimality.tasks import PathTask
+from cubepath.coordinator.theory.optimality.tasks import PathTask, proof_of
 from cubepath.coordinator.theory.satisfiability.encoding import prepare as prepare_clauses
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, window_bound
 from cubepath.coordinator.theory.satisfiability.proving import WINDOWS, Prover
-from cubepath.coordinator.theory.satisfiability.window_bounds import window_bound
 from cubepath.coordinator.theory.search.anytime import CubePath, Improvement, improve, prepare_all
 from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
 from cubepath.coordinator.theory.search.exact import Optimum, optimum, too_wide

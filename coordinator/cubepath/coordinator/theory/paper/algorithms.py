@@ -3,52 +3,34 @@
 Source: Abrams and Ghrist, State Complexes for Metamorphic Robots, section "Optimizing paths":
 algorithms TimeGeodesic and ShrinkCubePath, subroutines Commute, ExciseTrivial and CommonEdge. A
 cube is the list of its actions, a cube path the list of its cubes; the state is left out, as in
-the paper. This is the reference to read and to compare with;
-`cubepath.coordinator.normal_form.heap` does the work.
+the paper, which counts cubes from 1, the code from 0. This is the reference to read and to compare
+with; `cubepath.coordinator.normal_form.heap` does the work.
 
-Where the printed text falls short, and what `mended_time_geodesic` does about it:
+Where the printed text falls short, and what `mended_time_geodesic` does about it (docs/complexes.md
+has the numbers):
 
 - It requires a genuine cube path, in which consecutive cubes share no edge. The edge path of a run
   may step back and forth, and is not genuine. `genuine_cube_path` makes it so first.
 - The last pair of cubes never gets to `CommonEdge`, because line 9 stops before i reaches the last
-  cube and line 6 looks back. So ``[a], [a]`` is returned unchanged. The genuine cube path
-  ``[a], [b], [a]`` with commuting a and b becomes ``[a, b], [a]``, which has a common edge, while
-  the normal cube path is ``[b]``.
+  cube and line 6 looks back. So ``[a], [a]`` is returned unchanged.
 - TimeGeodesic stops when a call has not changed the length. With a common edge inside the path,
-  that can be too early. One vehicle takes three steps out along a path, the same three back and
-  then one step the other way; a second vehicle walks six steps on another path. Of seven cubes, the
-  i-th holds the i-th step of each. The first call cancels the two steps in the middle and keeps
-  seven cubes; the normal cube path has six.
-- Starting from a genuine cube path does not help: a call may itself leave a common edge inside,
-  where cubes have vanished and their neighbours meet. The tests have a genuine path of ten cubes
-  that the printed text reduces to seven, while the normal cube path has six. What does hold: if a
-  call does not change the length of a *genuine* cube path, then no path of the class is shorter.
-  Each cube then contains an action that an action of the previous cube did not let pass, down from
-  the last cube to the first, and neither can cancel: its equal would have to pass the other.
+  that can be too early: a call may leave one inside, where cubes have vanished and their neighbours
+  meet, even on a genuine path. What does hold: if a call does not change the length of a *genuine*
+  cube path, then no path of the class is shorter. Each cube then contains an action that an action
+  of the previous cube did not let pass, down from the last cube to the first, and neither can
+  cancel: its equal would have to pass the other.
 - If TimeGeodesic succeeds, it returns a shortest cube path, but not yet the normal one, which is
-  the fixed point of ShrinkCubePath. `mended_time_geodesic` goes on until nothing changes.
+  the fixed point of ShrinkCubePath. `mended_time_geodesic` continues until nothing changes.
 - The paper bounds the cost by the sum of the dimensions, which it says falls in every loop. Commute
   keeps that sum; only cancellation lowers it. The sum of i * dim(C_i) falls whenever something
   changes, as the proof of the theorem says: see `weight`.
-- The paper does not say what i is after ExciseTrivial has removed cubes and reindexed the path.
-  `READINGS` lists four answers. ``[a], [b], [a]`` is returned with two cubes in each of them. The
-  path of ten cubes is returned with seven if i keeps its value or goes to the next cube, and with
-  six, as it should be, if i steps back or restarts at 1. In no reading is the result too short.
-  The first path fails only because CommonEdge stops one cube too early, the second also where each
-  call cancels in the last pair too. If i steps back and the last pair is looked at, no failure was
-  found among random paths; that it never fails is not proved.
+- The paper does not say what i is after ExciseTrivial has removed cubes and reindexed the path:
+  `READINGS` lists four answers. In no reading is the result too short.
 
 The star condition of the definition must be read at the vertex between two cubes, in the universal
 cover: see `cubepath.coordinator.normal_form.definitions.is_normal`. Commute does so, by the lemma
-beside it.
-
-The paper counts cubes from 1, the code from 0.
-
-The envelope of time-optimal paths: the cubes in which each move of a path may lie.
-
-Source: Abrams and Ghrist, figure on geodesics and the envelope of time-minimising paths. The normal
-cube path makes every move as early as possible. Counted from the other end, each move can be made
-as late as possible, in the same number of cubes. The difference is the slack of the move.
+beside it. In the envelope of time-optimal paths, the normal cube path makes every move as early as
+possible, and counted from the other end as late as possible in the same number of cubes.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from time import perf_counter
 
 from cubepath.coordinator.theory.paper import curvature, examples, geodesics_and_time, topology
-from cubepath.coordinator.theory.paper.registry import ClaimResult, PaperClaim
+from cubepath.coordinator.theory.paper.examples import ClaimResult, PaperClaim
 
 
 def all_claims() -> tuple[PaperClaim, ...]:

@@ -1,16 +1,21 @@
-"""The paper's sections on the definition and on examples: systems and their moves."""
+"""Claims of the paper as rows of `cubepath paper`; here those of its definition and its examples.
+
+A claim is a function without arguments that does the computation; a row has its text and its
+result. The others are in `topology`, `curvature` and `geodesics_and_time`, and `claims` has all of
+them, in the order of the paper.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 from cubepath.coordinator.theory.complexes.exploration import Exploration, explore
 from cubepath.coordinator.theory.complexes.links import actions_at
 from cubepath.coordinator.theory.complexes.state_complexes import f_vector
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
 from cubepath.protocol.core.errors import InputError
@@ -19,6 +24,58 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import COMPASS
 from cubepath.protocol.systems.lattice import LatticeSystem
+
+Outcome = tuple[str, bool | None]
+"""The computed result in words, and whether it agrees; None if the paper leaves it open."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperClaim:
+    """One claim of the paper, and how to compute it.
+
+    `expected` is the known result: True for most claims, False if the printed text falls short,
+    None if it could not be reproduced. Any other result is a bug in this program.
+    """
+
+    item: str
+    claim: str
+    compute: Callable[[], Outcome]
+    expected: bool | None = True
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimResult:
+    """One claim with its computed result, and how long the computation took."""
+
+    item: str
+    claim: str
+    computed: str
+    agrees: bool | None
+    as_expected: bool
+    seconds: float
+
+    def document(self) -> dict[str, Any]:
+        """Return the row as JSON."""
+        return {
+            "item": self.item,
+            "claim": self.claim,
+            "computed": self.computed,
+            "agrees": self.agrees,
+            "seconds": round(self.seconds, 3),
+        }
+
+
+def claim(
+    claims: list[PaperClaim], item: str, text: str, *, expected: bool | None = True
+) -> Callable[[Callable[[], Outcome]], Callable[[], Outcome]]:
+    """Add the decorated function to a list of claims."""
+
+    def add(compute: Callable[[], Outcome]) -> Callable[[], Outcome]:
+        claims.append(PaperClaim(item, text, compute, expected))
+        return compute
+
+    return add
+
 
 CLAIMS: list[PaperClaim] = []
 

@@ -25,12 +25,8 @@ from cubepath.coordinator.theory.paper.algorithms import (
     mended_time_geodesic,
     weight,
 )
-from cubepath.coordinator.theory.paper.euclidean_geodesics import (
-    closure,
-    diagonals,
-    normal_cube_paths,
-)
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
+from cubepath.coordinator.theory.paper.curvature import closure, diagonals, normal_cube_paths
+from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.scenes.specs import scene_from_spec
 

@@ -14,10 +14,11 @@ from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.coordinator.theory.complexes.links import actions_at, check_links
-from cubepath.coordinator.theory.complexes.macros import lift, macro
 from cubepath.coordinator.theory.complexes.shape_complexes import (
     ShapeComplex,
     lattice_of,
+    lift,
+    macro,
     normal_place,
     order_of,
     shape_complex,
@@ -26,7 +27,7 @@ from cubepath.coordinator.theory.complexes.shape_complexes import (
 )
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
-from cubepath.coordinator.theory.paper.registry import Outcome, PaperClaim, claim
+from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim
 from cubepath.protocol.core.actions import Action, apply, commute, end_at
 from cubepath.protocol.core.catalogue import HEXAGONS
 from cubepath.protocol.core.sites import Site

@@ -1,11 +1,9 @@
 """Checking a timetable of vehicles that follow one another against its input.
 
-The timetable is carried out by the definition of its rule (see below). If it is of the
-moves of its input, the visits of every vertex must come in the order of the plan, and for every
-move the inequality that binds it must hold with equality; so by induction along those inequalities
-no move can be earlier. Nothing here is shared with what computes timetables.
-
-Carrying out a timetable of vehicles by the definition of the rule for following.
+The timetable is carried out by the definition of its rule. If it is of the moves of its input, the
+visits of every vertex must come in the order of the plan, and for every move the inequality that
+binds it must hold with equality; so by induction along those inequalities no move can be earlier.
+Nothing here is shared with what computes timetables.
 
 In rounds: at the end of each, no two vehicles are at one vertex; no two swap places; a vertex where
 somebody stands is entered only if that vehicle leaves it in this round, under the rule of CG:SHOP

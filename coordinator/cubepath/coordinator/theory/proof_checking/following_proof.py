@@ -1,18 +1,10 @@
 """Checking a proof about vehicles that may follow: no timetable has fewer rounds than this one.
 
-Part of `cubepath verify`. Variables and clauses are derived again from the graph
-(see below), each lemma of the log is followed, and the timetable is carried out by the
-definition of its rule. Nothing is shared with the code that makes proofs but the format of the
-file.
-
-The clauses of "vehicles that may follow get there in so many rounds", derived from the graph.
-
-Every variable says something about a timetable: a vehicle is at a vertex after so many rounds; some
-vehicle goes along an edge, in one direction, in a round; one of the vehicles up to some number is
-at a vertex. Each clause holds for every legal timetable under these meanings, so if they cannot be
-satisfied there is none. Which variables there must be is derived here too: docs/schedules.md.
-
-Part of `cubepath verify`. Nothing is shared with the code that asks solvers.
+Part of `cubepath verify`; nothing is shared with the code that makes proofs but the format of the
+file. Variables and clauses are derived again from the graph, each lemma of the log is followed, and
+the timetable is carried out by the definition of its rule. Every variable says something about a
+timetable, and each clause holds for every legal timetable under these meanings, so if they cannot
+be satisfied there is none. docs/schedules.md has the variables.
 """
 
 from __future__ import annotations

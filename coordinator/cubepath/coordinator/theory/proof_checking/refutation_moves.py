@@ -1,11 +1,9 @@
 """The moves that a refutation is about, found again from the system or the listed actions.
 
-Part of `cubepath verify`: a proof names moves, and here all moves are found that any schedule could
-use, by asking the system layer by layer from both ends. Of each action that is found only numbers
-are kept, so that millions of them fit into memory.
-
-Part of `cubepath verify`: nothing here is shared with the code that makes proofs. The definitions
-are those of docs/proofs.md: the earliest time of each literal, forwards from the start and
+Part of `cubepath verify`; nothing is shared with the code that makes proofs. A proof names moves,
+and here all moves are found that any schedule could use, by asking the system layer by layer from
+both ends. Of each action only numbers are kept, so that millions of them fit into memory. The
+windows are those of docs/proofs.md: the earliest time of each literal, forwards from the start and
 backwards from the goal, among the moves whose windows are not empty.
 
 A *literal* is ``2 * site + value``. A *directed move* is ``2 * action + end``: the action, used

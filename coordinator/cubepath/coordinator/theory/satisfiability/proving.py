@@ -26,7 +26,7 @@ from cubepath.coordinator.theory.satisfiability.encoding import (
     encode,
     refuted_by_windows,
 )
-from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, window_bound
 from cubepath.coordinator.theory.satisfiability.solver_process import (
     LOG_MAX,
     SECOND_SOLVER,
@@ -35,7 +35,6 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     SolverError,
     SolverProcess,
 )
-from cubepath.coordinator.theory.satisfiability.window_bounds import window_bound
 from cubepath.protocol.core.actions import Action
 
 CubePath = tuple[tuple[Action, ...], ...]

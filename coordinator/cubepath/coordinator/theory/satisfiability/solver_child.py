@@ -57,20 +57,15 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
             # The log goes to a file without a name; who waits can ask the system for its size.
             within: Any = solver.solver
             _say(answers, {"log": within.prfile.fileno()})
-        if asked["conflicts"] is None:
-            found = solver.solve()
-        else:
-            solver.conf_budget(asked["conflicts"])
-            found = solver.solve_limited()
-        if not found:
+        if not solver.solve():
             kept = False
-            if log is not None and found is False:
+            if log is not None:
                 try:
                     kept = _copy(solver.solver, log, asked["log_max"])
                 except OSError as error:
                     _say(answers, {"error": error.strerror or str(error)})
                     return
-            _say(answers, {"satisfiable": found, "kept": kept})
+            _say(answers, {"satisfiable": False, "kept": kept})
             return
         model = np.array(solver.get_model(), dtype=np.int64)
         true = np.zeros(asked["variables"] + 1, dtype=np.bool_)

@@ -59,13 +59,13 @@ class SolverError(CubepathError):
 
 
 class SolverAnswer(NamedTuple):
-    """What a solver says: whether there is a model, None if its budget of conflicts is spent.
+    """What a solver says: whether there is a model.
 
     `true` holds the truth of each variable in the model, with shape (variables,). `log` is the file
     that was given for the refutation, if that is not too long; it is read from its beginning on.
     """
 
-    satisfiable: bool | None
+    satisfiable: bool
     true: NDArray[np.bool_]
     log: IO[bytes] | None = None
 
@@ -131,17 +131,11 @@ class SolverProcess:
         return found
 
     def ask(
-        self,
-        problem: SolverProblem,
-        *,
-        seed: int | None = None,
-        conflicts: int | None = None,
-        log: IO[bytes] | None = None,
+        self, problem: SolverProblem, *, seed: int | None = None, log: IO[bytes] | None = None
     ) -> None:
         """Begin to solve a problem; what was begun before is given up.
 
-        `log` is an empty file for the refutation, `conflicts` how many the solver may have.
-        SolverError if the process cannot take the problem.
+        `log` is an empty file for the refutation. SolverError if the process cannot take it.
         """
         if self._asked is not None:
             self.end()
@@ -150,7 +144,6 @@ class SolverProcess:
         head = {
             "solver": self._solver,
             "seed": seed if self._solver == SOLVER else None,
-            "conflicts": conflicts,
             # Files without a name are left nowhere, however both processes end.
             "log": None if log is None else f"/proc/{os.getpid()}/fd/{log.fileno()}",
             "log_max": self._log_max,
@@ -192,7 +185,7 @@ class SolverProcess:
             if said["satisfiable"]:
                 bits = np.frombuffer(self._read(child, -(-len(true) // 8)), dtype=np.uint8)
                 true = np.unpackbits(bits, count=len(true)).astype(np.bool_)
-            log = self._log if said["satisfiable"] is False else None
+            log = self._log if not said["satisfiable"] else None
             if log is not None and (self._log_too_long or not said["kept"]):
                 log.truncate(0)
                 log = None

@@ -2,12 +2,8 @@
 
 Each bound is a few lines with its proof beside it; the greatest one counts. All rest on one fact:
 the moves of a cube write disjoint sets of sites, so a module takes part in at most one move a
-round.
-
-What a system says of its paths: ways, bounds, a potential, and paths that it finds itself.
-
-The class may belong to another distribution. An error in its methods is reported in one line that
-names the class and the method.
+round. What a system says of its paths comes from a class that may belong to another distribution:
+an error in its methods is reported in one line that names the class and the method.
 """
 
 from __future__ import annotations

@@ -3,22 +3,17 @@
 A site has a bit, a state is the number with the bits of its sites on, and a move flips the bits of
 its `toggle`. Sites and moves are numbered in the order in which they are met, which depends only on
 the system and the questions. Nothing is enumerated beforehand: the lattice may be infinite.
-
 `cubepath.coordinator.theory.complexes.state_masks` is the form for compiled code.
 
-Moves that are known by a list alone, by the site at which a search meets them.
-
-A move in one of its directions is met at the first site, in canonical order, that is on before it,
-and one before which nothing is on is met anywhere. A list may be long, and a search may see little
+A move that is known by a list alone is met at the first site, in canonical order, that is on before
+it; one before which nothing is on is met anywhere. A list may be long, and a search may see little
 of it: of a path in numbers only the actions that are met are built.
 
-Such a sum guides a search, and affects only how soon the search finds something. The sum is 0 at
-the goal alone, and the trace of a move determines how the move changes it.
+A potential guides a search, and affects only how soon the search finds something.
 
-This is so if the state complex is simply connected, and then the normal cube path of any path is a
-shortest path overall. State complexes of local systems are non-positively curved (Abrams and
-Ghrist), so their universal covers are contractible: for them, simply connected and contractible are
-the same.
+There is only one class if the state complex is simply connected. State complexes of local systems
+are non-positively curved (Abrams and Ghrist), so their universal covers are contractible: for them,
+simply connected and contractible are the same.
 """
 
 from __future__ import annotations

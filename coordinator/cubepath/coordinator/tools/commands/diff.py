@@ -12,12 +12,10 @@ from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import check_files, file_name, input_path
 from cubepath.coordinator.commands.path_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import more_options, number
+from cubepath.coordinator.commands.usage import more_options
 from cubepath.protocol.core.errors import InputError
 
 _RANGE = re.compile(r"(\d*)\.\.(\d*)|(\d+)")
-_KINDS = ("presence", "note", "claim", "verdict", "report", "edges", "cube", "summary")
-"""As in `comparison.asking`, which takes too long to load for a line of help."""
 
 
 def add_diff(diff: argparse.ArgumentParser) -> None:
@@ -44,20 +42,6 @@ def add_diff(diff: argparse.ArgumentParser) -> None:
         type=_rounds,
         metavar="FIRST..LAST",
         help="compare these rounds alone (default: all); either may be left out",
-    )
-    diff.add_argument(
-        "--ignore",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="do not list this parameter, or do not compare messages of this kind:"
-        f" {', '.join(_KINDS)}; may be repeated",
-    )
-    diff.add_argument(
-        "--context",
-        type=number("a whole number of at least 0", lambda found: found >= 0 and found % 1 == 0),
-        metavar="N",
-        help="show N messages of the round before and after the first that differs",
     )
     diff.add_argument(
         "--system",
@@ -91,12 +75,7 @@ def _diff(options: argparse.Namespace) -> int:
 
     with progress_bar(None, "compare", ""):
         found = diff(
-            options.a,
-            options.b,
-            ignore=options.ignore,
-            context=int(options.context or 0),
-            rounds=options.rounds or (1, None),
-            system=options.system,
+            options.a, options.b, rounds=options.rounds or (1, None), system=options.system
         )
     answer(options, found.document(), str(found))
     return DONE if found.same else FAILED
@@ -105,9 +84,8 @@ def _diff(options: argparse.Namespace) -> int:
 def _equal(options: argparse.Namespace) -> int:
     """Say whether two paths are equal; exit code 1 and one line if they differ."""
     how = "--same" if options.same else "--homotopic"
-    for name in ("rounds", "ignore", "context"):
-        if getattr(options, name):
-            raise InputError(f"{how}: compares two paths, expected no --{name}")
+    if options.rounds:
+        raise InputError(f"{how}: compares two paths, expected no --rounds")
     from cubepath.coordinator.shortening.conversion import difference_of  # noqa: PLC0415
 
     with progress_bar(None, "compare", " moves") as bar:

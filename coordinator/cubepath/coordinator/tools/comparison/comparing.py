@@ -2,22 +2,14 @@
 
 Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
 from versions is compared; of anything else, and of a run with rounds and one without, the moves
-are.
-
-What two runs have to do with each other, before any of their messages is compared.
-
-Of systems of two families nothing fits together: neither places nor modules nor moves. One run can
-also be the outcome of a what-if of the other.
-
-Whether what is asked of a comparison is of use for the two that are compared.
-
-What would be passed over is refused in one line.
+are. Of systems of two families nothing fits together, neither places nor modules nor moves: there
+only how the runs ended is compared. What would be ignored is refused in one line.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -32,21 +24,21 @@ from cubepath.coordinator.tools.comparison.lockstep import (
     SideBySide,
 )
 from cubepath.coordinator.tools.comparison.moves import (
+    Reading,
     compare_files,
     compare_paths,
     scenes_text,
     states_text,
 )
-from cubepath.coordinator.tools.comparison.reading import Reading
 from cubepath.coordinator.tools.comparison.reasons import explain_choice, explain_outcome
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     NO_ROUNDS,
     ChoiceDifference,
     MessageDifference,
     PathComparison,
+    RunComparison,
 )
-from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.errors import InputError
@@ -54,7 +46,7 @@ from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.messages import KINDS, Summary, decode
+from cubepath.protocol.wire.messages import Summary, decode
 
 
 def compare_families(
@@ -128,8 +120,6 @@ def _range(asked: ComparisonScope) -> str:
 
 def check_asked(asked: ComparisonScope) -> None:
     """Check what is asked by itself; InputError."""
-    if asked.context < 0:
-        raise InputError(f"context={asked.context}: expected 0 or more")
     if asked.first < 1 or (asked.last is not None and asked.last < asked.first):
         raise InputError(f"rounds={_range(asked)}: expected 1 or more, up")
 
@@ -153,20 +143,6 @@ def check_use(
         why = f"{free.path} is a run without rounds"
     if why is not None and asked.limited:
         raise InputError(f"rounds={_range(asked)}: {why}: expected no rounds")
-    if why is not None and asked.context:
-        raise InputError(f"context={asked.context}: {why}: expected no context")
-    known = {"format", *(name for each in recordings for name in each.parameters)}
-    for name in sorted(asked.ignored):
-        if moves is not None:
-            raise InputError(f"ignore={name}: {why}: expected nothing to ignore")
-        if name in COMPARED_KINDS and why is not None:
-            raise InputError(f"ignore={name}: {why}: expected a parameter")
-        if name not in COMPARED_KINDS and name not in known:
-            what = "messages of this kind are not compared" if name in KINDS else "neither has that"
-            raise InputError(
-                f"ignore={name}: {what}, expected a parameter ({', '.join(sorted(known))}) or a"
-                f" kind of message ({', '.join(COMPARED_KINDS)})"
-            )
 
 
 def check_compared(side_by_side: SideBySide, asked: ComparisonScope) -> None:
@@ -203,8 +179,6 @@ def diff(
     a: Recording | Source,
     b: Recording | Source,
     *,
-    ignore: Collection[str] = (),
-    context: int = 0,
     rounds: tuple[int, int | None] = (1, None),
     system: str | None = None,
 ) -> RunComparison:
@@ -222,8 +196,6 @@ def diff(
     Args:
         a: a recording or its file, or any file of moves that `shorten` takes.
         b: the other one.
-        ignore: parameters that are not listed, and kinds of messages that are not compared.
-        context: so many messages before and after the first that differs are told, of its round.
         rounds: the first and the last round to be compared; None is the last there is. Only of
             runs with rounds.
         system: the system that moves of a file of moves name; by default, beside a recording, that
@@ -234,17 +206,17 @@ def diff(
     the other has, and `notes` says so.
 
     InputError if a file cannot be read, or is neither, if there is nothing to compare, and if
-    `ignore`, `context`, `rounds` or `system` is of no use for these two; CheckError as for
+    `rounds` or `system` is of no use for these two; CheckError as for
     `shorten`.
     """
-    asked = ComparisonScope(rounds[0], rounds[1], frozenset(ignore), context)
+    asked = ComparisonScope(*rounds)
     check_asked(asked)
     with ExitStack() as stack:
         one, two = (_recording(each, stack) for each in (a, b))
         check_use(one, two, asked, system)
         if not isinstance(one, Recording) or not isinstance(two, Recording):
             return _moves_alone(one, two, system)
-        parameters = _parameters(one, two, ignore)
+        parameters = _parameters(one, two)
         scene = scenes_text(one.scene, two.scene)
         if one.scene.family != two.scene.family:
             return compare_families(one, two, parameters, scene)
@@ -298,14 +270,10 @@ def _moves_alone(
     )
 
 
-def _parameters(
-    a: Recording, b: Recording, ignore: Collection[str]
-) -> dict[str, tuple[str | None, str | None]]:
+def _parameters(a: Recording, b: Recording) -> dict[str, tuple[str | None, str | None]]:
     one, two = ({"format": each.format, **counted_processes(each)} for each in (a, b))
     return {
-        key: (one.get(key), two.get(key))
-        for key in {**one, **two}
-        if one.get(key) != two.get(key) and key not in ignore
+        key: (one.get(key), two.get(key)) for key in {**one, **two} if one.get(key) != two.get(key)
     }
 
 
@@ -331,7 +299,7 @@ def _lockstep(
     parting = side_by_side.go()
     check_compared(side_by_side, asked)
     if asked.last is None:
-        _lack_results(readings, parting, asked.ignored)
+        _lack_results(readings, parting)
     notes = list(_notes(side_by_side))
     paths = _paths(side_by_side, notes)
     message = parting.message
@@ -339,10 +307,10 @@ def _lockstep(
     odd = readings[0].odd != readings[1].odd
     alone = any(parting.only)
     # To a part of a run neither its beginning nor its end counts.
-    if asked.last is None and "summary" not in asked.ignored:
+    if asked.last is None:
         ends = _ends(readings)
     if message is None and not alone and not asked.limited:
-        message = _results(readings, asked.ignored)
+        message = _results(readings)
     found = message, parting.outcome, parting.move
     differs = bool(parting.choices) or any(each is not None for each in found)
     # What is on record in one run and was not compared is no difference, and may have been one.
@@ -400,9 +368,7 @@ def _choice(
     return replace(found, also=tuple(sorted(others)))
 
 
-def _lack_results(
-    readings: tuple[Reading, Reading], parting: FoundDifferences, ignored: Collection[str]
-) -> None:
+def _lack_results(readings: tuple[Reading, Reading], parting: FoundDifferences) -> None:
     """Take down which results were left out of one run, and the other has."""
     for side, reading in enumerate(readings):
         own, other = (each.transcript for each in (reading, readings[1 - side]))
@@ -411,9 +377,7 @@ def _lack_results(
         lacks = {"cube": len(own.cubes) < len(other.cubes)}
         lacks["summary"] = own.summary is None and other.summary is not None
         if reading.by_kind:
-            parting.lacking[side].update(
-                kind for kind, lost in lacks.items() if lost and kind not in ignored
-            )
+            parting.lacking[side].update(kind for kind, lost in lacks.items() if lost)
 
 
 def _notes(side_by_side: SideBySide) -> Iterator[str]:
@@ -504,20 +468,15 @@ def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
     return (told[0], told[1]) if len(alike) > 1 else None
 
 
-def _results(
-    readings: tuple[Reading, Reading], ignored: Collection[str]
-) -> MessageDifference | None:
+def _results(readings: tuple[Reading, Reading]) -> MessageDifference | None:
     """Return what the coordinator says of two runs in which modules said and did the same."""
     one, two = (reading.transcript for reading in readings)
     if one.summary is None or two.summary is None:
         return None
-    if "cube" not in ignored:
-        for cube, other in zip(one.result, two.result, strict=False):
-            if cube != other:
-                return _message("cube", cube.round, cube, other)
-    if "summary" not in ignored and any(
-        getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS
-    ):
+    for cube, other in zip(one.result, two.result, strict=False):
+        if cube != other:
+            return _message("cube", cube.round, cube, other)
+    if any(getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS):
         return _message("summary", one.summary.round, one.summary, two.summary)
     return None
 

@@ -28,13 +28,8 @@ from cubepath.coordinator.tools.comparison.playing import (
     RuleSource,
     way_of,
 )
-from cubepath.coordinator.tools.comparison.reasons import (
-    NOT_BY_RULE,
-    only_cause,
-    picture_of,
-    value_text,
-)
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.reasons import NOT_BY_RULE, only_cause, value_text
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     Cause,
     ChoiceContext,
@@ -42,15 +37,14 @@ from cubepath.coordinator.tools.comparison.results import (
     DifferingRounds,
     MoveDifference,
     PathComparison,
+    RunComparison,
 )
-from cubepath.coordinator.tools.comparison.told import RunComparison
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import Commit, Turn
 
@@ -333,10 +327,7 @@ def explain_commit(
         for run, commit, ways in zip(runs, pair, asked, strict=True)
     ]
     one, two = trails
-    sides = [
-        _side(commit, trail, module, run.history.system)
-        for commit, trail, run in zip(pair, trails, runs, strict=True)
-    ]
+    sides = [_side(commit, trail) for commit, trail in zip(pair, trails, strict=True)]
     causes, why = _causes(pair, one, two, changed)
     parameters = [
         f"{name} is {value_text(getattr(a, name))} in a, and {value_text(getattr(b, name))} in b"
@@ -425,9 +416,7 @@ def _chosen(played: ReplayedChoice) -> _Chosen:
     return played.action, note, choice.failed, choice.guards, choice.heeds, exchanges
 
 
-def _side(
-    commit: CommitNode | None, trail: _Trail | None, module: int, system: System
-) -> ChoiceContext:
+def _side(commit: CommitNode | None, trail: _Trail | None) -> ChoiceContext:
     chose = "makes no such commit" if commit is None else commit.text()
     level = None if commit is None or commit.move is None else commit.moved.level
     if trail is None or trail.shown is None:
@@ -438,10 +427,9 @@ def _side(
     if played is not None:
         by_rule = chose if _chosen(played) == trail.chosen else "something else"
     drew = None if played is None else played.drew
-    picture = picture_of(system, module, shown.site, shown.who)
     doubt = None if played is None else played.doubt
     return ChoiceContext(
-        shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions, picture, level
+        shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions, level
     )
 
 

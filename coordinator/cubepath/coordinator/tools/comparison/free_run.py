@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cubepath.coordinator.tools.comparison.reading import ODD_MAX, action_text, cut_text
+from cubepath.coordinator.tools.comparison.moves import ODD_MAX, action_text, cut_text
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
 from cubepath.coordinator.verification.transcript import is_cut_off, site_in

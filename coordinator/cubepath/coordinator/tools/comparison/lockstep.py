@@ -12,9 +12,8 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.tools.comparison.moves import Path
-from cubepath.coordinator.tools.comparison.reading import Reading, action_text, start_of
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.moves import Path, Reading, action_text, start_of
+from cubepath.coordinator.tools.comparison.told import (
     DifferingRounds,
     MessageDifference,
     MoveDifference,
@@ -33,12 +32,10 @@ _KINDS = ("presence", "note", "claim", "verdict", "report", "edges")
 
 @dataclass(frozen=True)
 class ComparisonScope:
-    """What is compared: the rounds, and no messages of the kinds that are ignored."""
+    """The rounds that are compared."""
 
     first: int = 1
     last: int | None = None
-    ignored: frozenset[str] = frozenset()
-    context: int = 0
 
     @property
     def limited(self) -> bool:
@@ -200,12 +197,11 @@ class SideBySide:
         different = [
             key
             for key in sorted({*lists[0], *lists[1]}, key=_place)
-            if key[0] not in self._asked.ignored
-            and not self._is_lacking(number, key, lists)
+            if not self._is_lacking(number, key, lists)
             and _told(lists[0].get(key)) != _told(lists[1].get(key))
         ]
         if different and found.message is None:
-            found.message = _message(number, different[0], lists, self._asked.context)
+            found.message = _message(number, different[0], lists)
         known = bool(found.choices)
         self._choices(number, a, b, different)
         if found.choices and not known:
@@ -225,7 +221,7 @@ class SideBySide:
         self, number: int, a: RecordedRound, b: RecordedRound, different: list[tuple[str, int]]
     ) -> None:
         """Take down who chose otherwise, and the first claim that came of otherwise."""
-        found, ignored = self.found, self._asked.ignored
+        found = self.found
         for kind, module in different:
             # The place from which a note is said follows from moves; what it says was chosen.
             noted = kind == "note" and note_of(a, module) != note_of(b, module)
@@ -234,8 +230,6 @@ class SideBySide:
                 found.silent |= silent
             elif noted and number > max(self._since, self._asked.first):
                 found.choices.setdefault(module, number - 1)
-        if not ignored.isdisjoint(("claim", "report")):
-            return
         for module in sorted(a.reports.keys() & b.reports.keys()):
             if any(
                 _claim_is_lost(said, module) and reading.lacks(number)
@@ -356,9 +350,7 @@ def _told(message: Any) -> dict[str, Json] | None:
     return None if message is None else msgspec.to_builtins(message)
 
 
-def _message(
-    number: int, key: tuple[str, int], lists: tuple[_Said, _Said], context: int
-) -> MessageDifference:
+def _message(number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> MessageDifference:
     kind, module = key
     a, b = (_told(each.get(key)) for each in lists)
     names = [*(a or {}), *(name for name in b or {} if name not in (a or {}))]
@@ -366,37 +358,7 @@ def _message(
     fields = tuple(
         name for name in names if (a or {}).get(name, absent) != (b or {}).get(name, absent)
     )
-    around = tuple(_around(key, lists, context)) if context else ()
-    return MessageDifference(number, kind, None if module < 0 else module, a, b, fields, around)
-
-
-def _around(
-    key: tuple[str, int], lists: tuple[_Said, _Said], context: int
-) -> Iterator[tuple[str, str]]:
-    """Yield the messages of the round before and after one, in both runs."""
-    keys = sorted({*lists[0], *lists[1]}, key=_place)
-    at = keys.index(key)
-    for each in keys[max(0, at - context) : at + context + 1]:
-        one, two = (message_text(each[0], _told(said.get(each))) for said in lists)
-        yield one, two
-
-
-def message_text(kind: str, fields: dict[str, Json] | None) -> str:
-    """Return a message in one line, empty if there is none."""
-    if fields is None:
-        return ""
-    inside = (
-        f"{name}={field_text(value)}"
-        for name, value in fields.items()
-        if name not in ("kind", "round", "module")
-    )
-    who = f" of module_{fields['module']}" if "module" in fields else ""
-    return f"{kind}{who}: {' '.join(inside)}"
-
-
-def field_text(value: Json) -> str:
-    """Return the value of a field as JSON."""
-    return msgspec.json.encode(value).decode()
+    return MessageDifference(number, kind, None if module < 0 else module, a, b, fields)
 
 
 Chosen = tuple[str, Site | None] | None

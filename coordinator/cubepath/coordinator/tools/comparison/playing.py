@@ -1,13 +1,8 @@
-"""One module's rule asked again, with every number that it drew.
+"""One module's rule asked again in each round of a record, with every number that it drew.
 
-As `auditing` does for all modules: an actor with the random streams of the seed is given what the
-module observed, round by round. Here one module is played, with the rule, the seed and the
-hesitation of either run, so that it can be told what made it choose otherwise.
-
-What one module sensed, was told and did in each round, derived from the record of a run.
-
-The rules that are asked again on the way are given the observations that `verification` derives, as
-in an audit.
+As `auditing` does for all modules: an actor with the random streams of the seed is given what
+`verification` derives that the module observed. Here one module is played, with the rule, the seed
+and the hesitation of either run, to find what made it choose otherwise.
 """
 
 from __future__ import annotations
@@ -25,7 +20,7 @@ from cubepath.agents.rules.registry import is_in_file, rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.tools.comparison.lockstep import chosen, note_of
-from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, moments
+from cubepath.coordinator.tools.comparison.moves import Contradiction, Reading, moments
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import (
     RECORDED,

@@ -3,10 +3,6 @@
 A cause is not guessed: the rule is asked again with one thing exchanged at a time, and what then
 makes it choose as in the other run is the cause. Where a rule cannot be asked, what differs is
 told, and what it did is not.
-
-What a module senses, drawn as text: the cells around it and who stands on them.
-
-Only of systems whose places are cells of the plane.
 """
 
 from __future__ import annotations
@@ -15,7 +11,12 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cubepath.coordinator.tools.comparison.lockstep import ClaimOutcomes
-from cubepath.coordinator.tools.comparison.moves import scenes_text
+from cubepath.coordinator.tools.comparison.moves import (
+    Contradiction,
+    Reading,
+    action_text,
+    scenes_text,
+)
 from cubepath.coordinator.tools.comparison.playing import (
     ChoiceOnRecord,
     ModuleHistory,
@@ -25,8 +26,7 @@ from cubepath.coordinator.tools.comparison.playing import (
     seed_at,
     way_of,
 )
-from cubepath.coordinator.tools.comparison.reading import Contradiction, Reading, action_text
-from cubepath.coordinator.tools.comparison.results import (
+from cubepath.coordinator.tools.comparison.told import (
     NAMES,
     Cause,
     ChoiceContext,
@@ -38,62 +38,10 @@ from cubepath.coordinator.verification.transcript import RecordedRound, site_in
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
-from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim
-
-_SHIFTED, _STRAIGHT, _DOWNWARDS = "hexagons", "squares", "map"
-"""The drawings whose places are cells; rows of hexagons are shifted against each other."""
-_MARKS = {"empty": ".", "filled": "#", "closed": "#"}
-
-
-def picture_of(system: System, module: int, site: Site, sensed: Mapping[str, str]) -> str | None:
-    """Return the places that a module at `site` senses, in lines; None if they are no cells.
-
-    `sensed` has what is at each place, as `ChoiceContext` has it. Modules are their numbers, the
-    one at `site` in brackets. Rows go upwards, on a map downwards.
-    """
-    place = system.place_of(site)
-    own = _cell(place)
-    if system.drawing not in (_SHIFTED, _STRAIGHT, _DOWNWARDS) or own is None:
-        return None
-    marks: dict[tuple[int, int], str] = {}
-    for near in system.sensed(place):
-        if near is None:
-            continue
-        cell = _cell(near)
-        if cell is None:
-            return None
-        what = sensed.get(site_text(near), "empty")
-        marks[cell] = _MARKS.get(what) or what.split()[0].removeprefix("module_")
-    marks[own] = f"({module})"
-    return _rows(marks, shifted=system.drawing == _SHIFTED, down=system.drawing == _DOWNWARDS)
-
-
-def _cell(place: Site) -> tuple[int, int] | None:
-    match place:
-        case (int(x), int(y)):
-            return x, y
-        case _:
-            return None
-
-
-def _rows(marks: Mapping[tuple[int, int], str], *, shifted: bool, down: bool) -> str:
-    """Return the rows; a cell takes as many characters as the widest mark, and one more."""
-    half = (max(map(len, marks.values())) + 2) // 2
-    middles = {(x, y): 2 * x + (y if shifted else 0) for x, y in marks}
-    first = min(middles.values())
-    lines: list[str] = []
-    rows = [y for _, y in marks]
-    for row in sorted(range(min(rows), max(rows) + 1), reverse=not down):
-        line = ""
-        for (x, y), mark in sorted(marks.items()):
-            if y == row:
-                line = line.ljust((middles[x, y] - first) * half) + mark.center(2 * half - 1)
-        lines.append(line.rstrip())
-    return "\n".join(lines)
-
 
 NOT_BY_RULE = (
     "by its rule as installed it does otherwise, so the rule has changed since, or the record has"
@@ -130,14 +78,10 @@ def explain_choice(
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
     scene = scenes_text(*(reading.recording.scene for reading in readings))
     causes, why = _causes((a, b), (one, two), changed, since, scene)
-    sides = [
-        _side(trail, module, reading.recording.scene.system)
-        for trail, reading in zip((a, b), readings, strict=True)
-    ]
-    return ChoiceDifference(number, module, sides[0], sides[1], causes, why)
+    return ChoiceDifference(number, module, _side(a), _side(b), causes, why)
 
 
-def _side(trail: ModuleHistory, module: int, system: System) -> ChoiceContext:
+def _side(trail: ModuleHistory) -> ChoiceContext:
     recorded = trail.recorded
     played = trail.played[0] if trail.played else None
     by_rule = None
@@ -152,7 +96,6 @@ def _side(trail: ModuleHistory, module: int, system: System) -> ChoiceContext:
         by_rule,
         None if played is None else played.drew,
         None if played is None else played.doubt,
-        picture=picture_of(system, module, trail.site, trail.sensed),
     )
 
 

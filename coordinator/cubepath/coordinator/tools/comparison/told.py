@@ -1,6 +1,6 @@
-"""The answer of a comparison in words, from what differs on the whole down to one choice.
+"""What comparing two runs finds, as data and for people.
 
-What comparing two runs finds: as data, in one line, and in words for people.
+Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """
 
 from __future__ import annotations
@@ -8,21 +8,204 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
-from cubepath.coordinator.tools.comparison.lockstep import field_text, message_text
-from cubepath.coordinator.tools.comparison.results import (
-    NAMES,
-    NO_ROUNDS,
-    ChoiceContext,
-    ChoiceDifference,
-    Differences,
-    MessageDifference,
-    OutcomeDifference,
-    PathComparison,
-)
+import msgspec
+
 from cubepath.coordinator.verification.parameters import stages_of
+from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.formatting import counted, visible
+
+Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "record", "unknown"]
+"""Why two choices differ.
+
+Where both rules could be asked again, ``rule``, ``seed``, ``hesitate`` or ``inputs`` is what makes
+the module of `a` choose as that of `b` did, when it alone is exchanged; ``together`` if only all
+that differs does. ``record``: a choice on record is not what the installed rule chooses.
+``unknown``: nothing that is known tells why.
+"""
+
+
+NAMES = ("a", "b")
+"""What the two runs are called."""
+
+
+NO_ROUNDS = "no rounds"
+"""What was compared of runs of which one has no round."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDifference:
+    """The first message that differs, in the order of the run: round, phase, kind, module.
+
+    `a` and `b` are its fields, None in the run that does not have it; `fields` names those that
+    differ. Without rounds `round` is a level.
+    """
+
+    round: int
+    kind: str
+    module: int | None
+    a: dict[str, Json] | None
+    b: dict[str, Json] | None
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceContext:
+    """What a module sensed, was told, drew and chose in one of the runs.
+
+    `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
+    (outside the workspace) or ``filled`` (an obstacle); `told` is what modules within reach said in
+    their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
+    bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
+    hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
+    rule chooses. `versions`, without rounds, are those of what it was shown, and `level` is
+    that of the commit, None if that has no move.
+    """
+
+    site: str
+    sensed: dict[str, str]
+    told: dict[str, list[int]]
+    chose: str
+    by_rule: str | None = None
+    drew: tuple[float, ...] | None = None
+    doubt: float | None = None
+    versions: dict[str, int] | None = None
+    level: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceDifference:
+    """The first choice that differs: of which module, in which round, and why.
+
+    `also` are the modules that chose something else in the same round. `causes` says why in words
+    for machines, and `why` in lines for people. Without rounds `round` is the least level of the
+    commit in either run, and `number` says which of the module's commits that is, from 1.
+    """
+
+    round: int
+    module: int
+    a: ChoiceContext
+    b: ChoiceContext
+    causes: tuple[Cause, ...]
+    why: tuple[str, ...]
+    also: tuple[int, ...] = ()
+    number: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeDifference:
+    """The first claim that was made in both runs, and granted in one of them alone."""
+
+    round: int
+    module: int
+    claim: str
+    a: str
+    b: str
+    why: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MoveDifference:
+    """The first move that differs; None in the run in which the module makes none there.
+
+    Without rounds it is the first of a module's commits with a move, and `round` its least level.
+    """
+
+    round: int
+    module: int | None
+    a: str | None
+    b: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class PathComparison:
+    """The two edge paths as a whole; None where a path is not known.
+
+    `same` is None if they are equal up to swapping moves that commute, and otherwise one line on
+    the first difference; `homotopic` likewise, with moves that are undone taken out.
+    """
+
+    moves: tuple[int, int]
+    cubes: tuple[int, int]
+    identical: bool
+    """Whether both have the same moves in the same rounds, so the same digest."""
+    same: str | None
+    homotopic: str | None
+    end: str | None
+    """One line on how the states at the end differ; None if they do not, or if it is not known."""
+    end_unknown: str | None = None
+    """One line on why it is not known whether they differ, None if it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class DifferingRounds:
+    """From the end of which round to the end of which the states differ.
+
+    `end` is None if they still do at the end of the last round that is compared.
+    """
+
+    begin: int
+    end: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class RunComparison:
+    """Where two runs part, and why.
+
+    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
+    >>> found.same, found.choice, found.paths.cubes
+    (True, None, (19, 19))
+    """
+
+    a: str
+    b: str
+    clock: str
+    """"lockstep", "free", or "moves" if only the moves can be compared."""
+    same: bool
+    """Whether nothing differs that modules said and did, and nothing is missing in one alone or
+    between rounds that were compared."""
+    identical: bool
+    """Whether both files have the same bytes."""
+    parameters: dict[str, tuple[str | None, str | None]]
+    """The parameters that differ; None where one is missing."""
+    scene: str | None
+    """One line on the first difference of the scenes, None if they are equal."""
+    compared: str
+    """What was compared, in one line."""
+    notes: tuple[str, ...]
+    """What is odd with a recording, and what was not compared."""
+    message: MessageDifference | None = None
+    choice: ChoiceDifference | None = None
+    outcome: OutcomeDifference | None = None
+    move: MoveDifference | None = None
+    parted: dict[int, int] | None = None
+    """By module the first round in which it chose otherwise."""
+    states: tuple[DifferingRounds, ...] = ()
+    rounds: tuple[tuple[int, int, int, int], ...] = ()
+    """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
+    beginning: str | None = None
+    """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
+    limited: bool = False
+    """Whether this is a part of the runs: rounds were asked for, or both begin later, or the end of
+    one is not on record."""
+    ends: tuple[str, str] | None = None
+    """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
+    paths: PathComparison | None = None
+
+    @property
+    def answer(self) -> str:
+        """Where they part, in one line."""
+        return answer(self)
+
+    def __str__(self) -> str:
+        """Return what is found, for people."""
+        return told(self)
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath diff --json``."""
+        return asdict(self)
+
 
 _COLUMN = 38
 """The width of each of the two columns."""
@@ -31,13 +214,11 @@ _NAME = 15
 _ROUNDS_MAX = 8
 """So many rounds with other moves are shown."""
 _LINE = 100
-_PICTURE = 14
-"""Of pictures with more lines none is shown."""
 _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
 """Parameters that are told by so many characters."""
 
 
-def told(found: Differences) -> str:
+def told(found: RunComparison) -> str:
     """Return what differs, for people."""
     lines = [*_line("a", found.a), *_line("b", found.b)]
     for name, values in found.parameters.items():
@@ -83,11 +264,11 @@ def _value(name: str, value: str | None) -> str | None:
     return "; ".join(told) or value
 
 
-def _unit(found: Differences) -> str:
+def _unit(found: RunComparison) -> str:
     return {"lockstep": "round", "free": "level"}.get(found.clock, "move")
 
 
-def answer(found: Differences) -> str:
+def answer(found: RunComparison) -> str:
     """Return where two runs part, in one line."""
     if found.identical and not found.limited:
         return "the same bytes"
@@ -101,7 +282,7 @@ def answer(found: Differences) -> str:
     return _no_choice(found)
 
 
-def _no_choice(found: Differences) -> str:
+def _no_choice(found: RunComparison) -> str:
     """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
     if found.clock == "moves" and found.paths is not None:
         text = "no difference in what was done" if found.same else "they differ"
@@ -122,11 +303,11 @@ def _no_choice(found: Differences) -> str:
     return text
 
 
-def _both(found: Differences) -> str:
+def _both(found: RunComparison) -> str:
     return "the commits that both have" if found.clock == "free" else found.compared
 
 
-def _beginning(found: Differences, name: str) -> str:
+def _beginning(found: RunComparison, name: str) -> str:
     other = NAMES[name == "a"]
     if found.compared == NO_ROUNDS:
         return f"{name} ends before the first round, and {other} goes on"
@@ -152,7 +333,7 @@ def _columns(name: str, a: str, b: str) -> Iterator[str]:
         yield f"{name if not number else '':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
-def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
+def _choice(choice: ChoiceDifference, found: RunComparison) -> Iterator[str]:
     where = f"{_unit(found)} {choice.round}, {_who(choice)}"
     if choice.number is not None:
         where = f"{_who(choice)}, its commit {choice.number}{_levels(choice)}"
@@ -177,7 +358,6 @@ def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
             yield from _columns(name, one, "the same" if one == two else two)
     for number, line in enumerate(choice.why):
         yield from _line("  why" if not number else "", line)
-    yield from _pictures(choice)
 
 
 def _levels(choice: ChoiceDifference) -> str:
@@ -188,19 +368,6 @@ def _levels(choice: ChoiceDifference) -> str:
         if side.level is not None
     ]
     return f", {', '.join(levels)}" if levels else ", of notes alone"
-
-
-def _pictures(choice: ChoiceDifference) -> Iterator[str]:
-    """Yield what the module senses in both runs, side by side, if that is short enough."""
-    if choice.a.picture is None or choice.b.picture is None:
-        return
-    one, two = (each.picture.splitlines() for each in (choice.a, choice.b) if each.picture)
-    if max(len(one), len(two)) > _PICTURE or max(map(len, (*one, *two))) > _COLUMN:
-        return
-    yield from _line("  around it", "own number in brackets, . empty, # obstacle, blank not sensed")
-    for number in range(max(len(one), len(two))):
-        cells = [each[number] if number < len(each) else "" for each in (one, two)]
-        yield f"{'':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
 def _sensed(side: ChoiceContext) -> str:
@@ -237,7 +404,7 @@ def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
         yield from _line("  why" if not number else "", line)
 
 
-def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
+def _message(message: MessageDifference, found: RunComparison) -> Iterator[str]:
     who = "" if message.module is None else f" of module_{message.module}"
     yield from _line("first message", f"{_unit(found)} {message.round}, {message.kind}{who}")
     if message.a is None or message.b is None:
@@ -250,14 +417,9 @@ def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
                 for each in (message.a, message.b)
             )
             yield from _columns(f"  {name}", one, two)
-    for one, two in message.around:
-        mark = " " if one == two else "<" if not two else ">" if not one else "|"
-        yield f"    {mark} {one or two}"
-        if mark == "|":
-            yield f"      {two}"
 
 
-def _moves(found: Differences) -> Iterator[str]:
+def _moves(found: RunComparison) -> Iterator[str]:
     move, unit = found.move, _unit(found)
     if move is not None:
         who = "" if move.module is None else f", module_{move.module}"
@@ -313,24 +475,19 @@ def _equal(difference: str | None, word: str) -> str:
     return word if difference is None else f"not {word}: {difference}"
 
 
-@dataclass(frozen=True, slots=True)
-class RunComparison(Differences):
-    """Where two runs part, and why.
+def message_text(kind: str, fields: dict[str, Json] | None) -> str:
+    """Return a message in one line, empty if there is none."""
+    if fields is None:
+        return ""
+    inside = (
+        f"{name}={field_text(value)}"
+        for name, value in fields.items()
+        if name not in ("kind", "round", "module")
+    )
+    who = f" of module_{fields['module']}" if "module" in fields else ""
+    return f"{kind}{who}: {' '.join(inside)}"
 
-    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
-    >>> found.same, found.choice, found.paths.cubes
-    (True, None, (19, 19))
-    """
 
-    @property
-    def answer(self) -> str:
-        """Where they part, in one line."""
-        return answer(self)
-
-    def __str__(self) -> str:
-        """Return what is found, for people."""
-        return told(self)
-
-    def document(self) -> dict[str, Any]:
-        """Return the keys of ``cubepath diff --json``."""
-        return asdict(self)
+def field_text(value: Json) -> str:
+    """Return the value of a field as JSON."""
+    return msgspec.json.encode(value).decode()

@@ -1,26 +1,333 @@
-"""Exporting a recording: which form a file has, and what is written."""
+"""Exporting a recording: which form a file has, and the tables, some rows at a time.
+
+What a row is, `Recording.moves` and `Recording.claims` say: here these are asked for the rounds
+that are complete, over and over, so that memory does not grow with the recording. Without rounds a
+commit may be told again at the very end, so there moves and claims are taken at once. Sites are
+JSON in CSV and Parquet, `[0,1]`, and lists in JSON.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import csv
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
+from typing import IO, Any, TypeAlias
+
+import msgspec
 
 from cubepath.coordinator.shortening.conversion import convert
-from cubepath.coordinator.tools.exports.rerun_file import write_rerun
-from cubepath.coordinator.tools.exports.rows import WRITERS, RowSelection, check_levels, table_of
-from cubepath.coordinator.tools.exports.viewer_mcap import (
+from cubepath.coordinator.tools.exports.viewers import (
     ExportTimes,
     LogTime,
     times_of,
+    write_rerun,
     write_viewer_mcap,
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, written_whole
-from cubepath.protocol.recordings.cutting import MessageSelection, check_topics
-from cubepath.protocol.recordings.recording import Recording, read_undamaged
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.recordings.cutting import (
+    FILTERED,
+    SPLIT,
+    MessageSelection,
+    check_topics,
+    left_out,
+)
+from cubepath.protocol.recordings.description import LEFT_OUT
+from cubepath.protocol.recordings.recording import Recording, read_undamaged, rounds_in_turn
+from cubepath.protocol.recordings.stored_messages import Record
+
+Rows: TypeAlias = list[tuple[Any, ...]]
+"""Rows of numbers and texts, in the order of the columns."""
+SITES = ("at", "from", "to", "site")
+"""Columns of sites, as JSON."""
+DOCUMENTS = ("message",)
+"""Columns of JSON documents."""
+TEXTS = (*SITES, *DOCUMENTS, "generator", "outcome", "kind", "sender")
+"""Columns of texts; all others hold whole numbers of at most 64 bits."""
+TABLES = ("moves", "claims", "messages", "rounds")
+
+_MADE_OF = {
+    ("moves", "lockstep"): ("report",),
+    ("moves", "free"): ("commit", "commits", "turns"),
+    ("claims", "lockstep"): ("claim",),
+}
+"""The kinds of messages that a table is made of."""
+_WHY = (*LEFT_OUT, FILTERED, SPLIT)
+
+
+@dataclass(frozen=True, slots=True)
+class RowSelection:
+    """What is wanted of a recording: a table, and which of its rows.
+
+    `selection` has the range of rounds, and for messages the topics. `kinds` are for messages: the
+    parts of batches are kinds too.
+    """
+
+    table: str = "moves"
+    selection: MessageSelection = MessageSelection()  # noqa: RUF009 - it is not changed
+    kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingTable:
+    """A table: the names of its columns, and its rows, some at a time."""
+
+    columns: tuple[str, ...]
+    batches: Iterator[Rows]
+
+
+def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
+    """Return a table of a recording; its rows are read while they are asked for.
+
+    InputError if there is no such table or kind, if topics are asked of another table than that of
+    messages, if what the table is made of was left out of the recording, if levels are asked of
+    messages that have none, and, while rows are read, where a message cannot be decoded.
+
+    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), RowSelection("rounds"))
+    >>> found.columns[:3], next(found.batches)[1][:3]
+    (('round', 'messages', 'bytes'), (1, 22, 3599))
+    """
+    name, selection = wanted.table, wanted.selection
+    if name not in TABLES:
+        near = did_you_mean(name, TABLES)
+        raise InputError(f"unknown table {name!r}{near}, expected one of {', '.join(TABLES)}")
+    if name != "messages" and (selection.topics or selection.exclude or wanted.kinds):
+        raise InputError(f"table {name} has no topics and kinds, expected table messages")
+    if wanted.kinds:
+        recording.messages(wanted.kinds)  # refuses unknown kinds
+    if name in {"claims", "messages"}:
+        check_levels(recording, selection)
+    _check_there(recording, name)
+    if name == "messages":
+        return RecordingTable(_MESSAGES, _messages(recording, wanted))
+    if name == "rounds":
+        return RecordingTable(_ROUNDS, _within(_rounds(recording), selection))
+    columns = _columns(recording.moves if name == "moves" else recording.claims, recording)
+    return RecordingTable(columns, _within(_derived(recording, name), selection))
+
+
+def check_levels(recording: Recording, selection: MessageSelection) -> None:
+    """Raise InputError if a range of levels is asked of messages that have wall clock times."""
+    asked = selection.first is not None or selection.until is not None
+    if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
+        raise InputError(
+            f"{recording.path}: its log time is the wall clock, so only its moves have levels:"
+            " expected no range"
+        )
+
+
+def _check_there(recording: Recording, name: str) -> None:
+    """Raise InputError if a table would be empty for want of what was left out."""
+    kinds = _MADE_OF.get((name, recording.clock))
+    left = left_out(recording) or any(key in recording.parameters for key in LEFT_OUT)
+    if kinds is None or not left or next(recording.of_kind(*kinds), None) is not None:
+        return
+    why = [f"{key} {told}" for key, told in recording.parameters.items() if key in _WHY]
+    raise InputError(
+        f"{recording.path}: no {' or '.join(kinds)} on record, expected some for table {name}"
+        f" ({'; '.join(why)})"
+    )
+
+
+def _columns(made: Callable[[], Mapping[str, Any]], recording: Recording) -> tuple[str, ...]:
+    """Return the columns of moves or claims, which those of no message at all have too."""
+    return tuple(getattr(replace(recording, records=()), made.__name__)())
+
+
+def _within(batches: Iterable[Rows], selection: MessageSelection) -> Iterator[Rows]:
+    """Yield the rows of a range of rounds; the round is the first column."""
+    first = 0 if selection.first is None else selection.first
+    last = inf if selection.until is None else selection.until
+    for rows in batches:
+        yield [row for row in rows if first <= row[0] <= last]
+
+
+def _derived(recording: Recording, name: str) -> Iterator[Rows]:
+    for records in rounds_in_turn(recording):
+        some = replace(recording, records=records)
+        columns = some.moves() if name == "moves" else some.claims()
+        lists = [
+            [site_text(value) for value in values] if column in SITES else values.tolist()
+            for column, values in columns.items()
+        ]
+        yield list(zip(*lists, strict=True))
+
+
+_MESSAGES = ("round", "wall_ns", "sequence", "kind", "sender", "bytes", "message")
+
+
+def _messages(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
+    selection, kinds = wanted.selection, wanted.kinds
+    for records, _ in recording.blocks():
+        found: Iterable[Record] = filter(selection.keeps, records)
+        if kinds:
+            found = replace(recording, records=tuple(found)).of_kind(*kinds)
+        yield [_message(recording, record) for record in found]
+
+
+def _message(recording: Recording, record: Record) -> tuple[Any, ...]:
+    kind, _, sender = record.topic.partition("/")
+    data = record.data
+    where = f"{recording.path}: message {record.sequence} ({record.topic})"
+    if record.round >= 1 << 63 or record.wall_ns >= 1 << 63:
+        raise InputError(f"{where}: a time of 64 bits, expected less than 2^63")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
+    return record.round, record.wall_ns, record.sequence, kind, sender, len(data), text
+
+
+_ROUNDS = (
+    "round",
+    "messages",
+    "bytes",
+    "moves",
+    "granted",
+    "lost",
+    "first_wall_ns",
+    "last_wall_ns",
+)
+
+
+def _rounds(recording: Recording) -> Iterator[Rows]:
+    """Yield a row for each round that has a message, and what its modules did."""
+    if recording.clock == "free" and recording.parameters.get("log_time") == "wall":
+        raise InputError(
+            f"{recording.path}: its log time is the wall clock, so its messages have no levels"
+        )
+    for records in rounds_in_turn(recording):
+        found: dict[int, list[int]] = {}
+        for record in records:
+            row = found.get(record.round)
+            if row is None:
+                row = [0, 0, 0, 0, 0, record.wall_ns, record.wall_ns]
+                found[record.round] = row
+            row[0] += 1
+            row[1] += len(record.data)
+            row[5] = min(row[5], record.wall_ns)
+            row[6] = max(row[6], record.wall_ns)
+        some = replace(recording, records=records)
+        moves = some.moves()
+        for number, wall_ns in zip(moves["round"].tolist(), moves["wall_ns"].tolist(), strict=True):
+            # Without rounds a commit may be told when a higher level was reached already.
+            found.setdefault(number, [0, 0, 0, 0, 0, wall_ns, wall_ns])[2] += 1
+        claims = some.claims()
+        for number, outcome in zip(claims["round"].tolist(), claims["outcome"], strict=True):
+            if outcome:
+                found[number][3 if outcome == "granted" else 4] += 1
+        yield [(number, *found[number]) for number in sorted(found)]
+
+
+Write = Callable[[IO[bytes], RecordingTable, Mapping[str, str]], int]
+"""Writes a table with the parameters of its recording, as far as the form has room for them;
+returns the number of rows."""
+
+
+def write_csv(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
+    """Write a table as CSV: a line of names, UTF-8, and lines end with a line feed."""
+    text = io.TextIOWrapper(stream, "utf-8", newline="", write_through=True)
+    count = 0
+    try:
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table.columns)
+        for rows in table.batches:
+            writer.writerows(rows)
+            count += len(rows)
+    finally:
+        text.detach()
+    return count
+
+
+def write_parquet(stream: IO[bytes], table: RecordingTable, parameters: Mapping[str, str]) -> int:
+    """Write a table as Parquet; the parameters are the metadata of its schema.
+
+    InputError if pyarrow is missing.
+    """
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - an extra
+        import pyarrow.parquet as pq  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise InputError(
+            "Parquet takes the library pyarrow: pip install 'cubepath[experiments]'"
+        ) from None
+    kinds = [pa.string() if name in TEXTS else pa.int64() for name in table.columns]
+    schema = pa.schema(list(zip(table.columns, kinds, strict=True)), metadata=dict(parameters))
+    count = 0
+    with pq.ParquetWriter(stream, schema, compression="zstd") as writer:
+        for rows in _grouped(table.batches):
+            columns = zip(*rows, strict=True) if rows else ((),) * len(kinds)
+            arrays = [pa.array(each, kind) for each, kind in zip(columns, kinds, strict=True)]
+            writer.write_table(pa.table(arrays, schema=schema))
+            count += len(rows)
+    return count
+
+
+_GROUP = 1 << 16
+"""Rows of a group of Parquet, in which columns stand together."""
+
+
+def _grouped(batches: Iterator[list[Any]]) -> Iterator[list[Any]]:
+    pending: list[Any] = []
+    for rows in batches:
+        pending += rows
+        if len(pending) >= _GROUP:
+            yield pending
+            pending = []
+    yield pending
+
+
+def write_json(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
+    """Write a table as one JSON list of objects, a line each."""
+    count = 0
+    for line in _lines(table):
+        stream.write(b",\n" if count else b"[")
+        stream.write(line)
+        count += 1
+    stream.write(b"]\n" if count else b"[]\n")
+    return count
+
+
+def write_jsonl(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
+    """Write a table as JSON Lines: an object a line."""
+    count = 0
+    for line in _lines(table):
+        stream.write(line)
+        stream.write(b"\n")
+        count += 1
+    return count
+
+
+def _lines(table: RecordingTable) -> Iterator[bytes]:
+    encode, decode = msgspec.json.Encoder().encode, msgspec.json.decode
+    names = table.columns
+    nested = [number for number, name in enumerate(names) if name in (*SITES, *DOCUMENTS)]
+    for rows in table.batches:
+        for row in rows:
+            values = list(row)
+            for number in nested:
+                try:
+                    values[number] = decode(values[number])
+                except msgspec.DecodeError as error:
+                    where = f"message {row[names.index('sequence')]}"
+                    raise InputError(f"{where}: {error}") from None
+            yield encode(dict(zip(names, values, strict=True)))
+
+
+WRITERS: Mapping[str, Write] = {
+    "csv": write_csv,
+    "parquet": write_parquet,
+    "json": write_json,
+    "jsonl": write_jsonl,
+}
+"""The forms of tables by name, which are their suffixes too."""
+
 
 MOVES = "moves"
 VIEWERS = ("mcap", "rrd")

@@ -29,8 +29,7 @@ from cubepath.coordinator.runs.asking import (
     ask_path,
     find_run,
 )
-from cubepath.coordinator.tools.live.claims import HEARD, Words
-from cubepath.coordinator.tools.live.feed import Feed
+from cubepath.coordinator.tools.live.feed import HEARD, Feed, Words
 from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.recorder.recorder import guest_at
 from cubepath.coordinator.tools.viewing.pages import page_text

@@ -1,11 +1,7 @@
-"""A run of one's own as a page that is fed while it goes on.
+"""A run of one's own as a page that is fed while it goes on: paused, by steps, or at a rate.
 
-It listens to the run and paces it; it takes no part in it.
-
-The pace of a run that is watched: paused, step by step, or so many rounds a second.
-
-Orders come in other threads than that of the run, which asks between two rounds how long it is to
-wait yet.
+It listens to the run and paces it; it takes no part in it. Orders come in other threads than that
+of the run, which asks between two rounds how long it is to wait yet.
 """
 
 from __future__ import annotations
@@ -20,8 +16,7 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.tools.live.claims import HEARD
-from cubepath.coordinator.tools.live.feed import Feed
+from cubepath.coordinator.tools.live.feed import HEARD, Feed
 from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action

@@ -1,8 +1,6 @@
-"""Which messages of a run are recorded, and under which topic.
+"""Which messages of a run are recorded, under which topic KIND/SENDER, and in which files.
 
-A topic is KIND/SENDER, as in the recording of the run itself.
-
-Each is a recording by itself, closed before the next is begun.
+Each file of several is a recording by itself, closed before the next is begun.
 """
 
 from __future__ import annotations

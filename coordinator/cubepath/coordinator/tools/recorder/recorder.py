@@ -1,10 +1,8 @@
-"""Where a guest of a run can listen, and by what it shows who it is.
+"""A run recorded from outside, by a guest at the place where the run can be listened to.
 
-Who records a run and who watches it attach in the same way.
-
-Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: who
-records is a guest, and a router waits for a guest that does not read for a second, and then cuts it
-off. It comes back by itself, and what it missed is counted.
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: a
+router waits for a guest that does not read for a second, and then cuts it off. It comes back by
+itself, and what it missed is counted.
 """
 
 from __future__ import annotations
@@ -24,13 +22,13 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.recorder.backlog import (
+from cubepath.coordinator.tools.recorder.losses import (
     Backlog,
+    LossCounter,
     ReceivedMessage,
     RecentMessages,
     RecordedMessage,
 )
-from cubepath.coordinator.tools.recorder.losses import LossCounter
 from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, Topics, numbered
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError

@@ -1,13 +1,9 @@
 """One page of HTML that shows runs: it opens from disk, and asks no network for anything.
 
-The parts of the page lie beside this module, in `page/`.
-
-A document of numbers and texts as one text that any page may hold, and back.
-
-A document is JSON whose arrays of numbers stand aside: in their place is ``{"array": type, "at":
-bytes, "length": numbers}``, and what they hold lies behind the JSON, little-endian. All of it is
-deflated and written in base64, which has no character with a meaning in HTML: whatever names a
-system's file has, they cannot end the element that they stand in.
+The parts of the page lie beside this module, in `page/`. Its document is JSON whose arrays of
+numbers stand aside: in their place is ``{"array": type, "at": bytes, "length": numbers}``, and what
+they hold lies behind the JSON, little-endian. All of it is deflated and written in base64, which
+has no character with a meaning in HTML: no name in a file of a user can end the element.
 """
 
 from __future__ import annotations

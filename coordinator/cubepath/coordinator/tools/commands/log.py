@@ -1,0 +1,430 @@
+"""The commands ``cubepath log export``, ``filter``, ``split``, ``merge`` and ``record``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
+from cubepath.coordinator.commands.files import (
+    Output,
+    check_files,
+    file_name,
+    input_path,
+    output_path,
+)
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import add_fields, more_options, number, whole
+from cubepath.coordinator.runs.options import RunOptions
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted, visible
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT, check_output_folder
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.tools.recorder.recorder import Recorder
+
+_MB = 1_000_000
+
+
+def add_log_filter(kept: argparse.ArgumentParser) -> None:
+    """Add the options of ``log filter``."""
+    kept.set_defaults(command=_filter)
+    kept.add_argument("log", type=input_path, metavar="LOG")
+    kept.add_argument(
+        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+    )
+    add_selection_options(kept)
+
+
+def add_log_split(split: argparse.ArgumentParser) -> None:
+    """Add the options of ``log split``."""
+    split.set_defaults(command=_split)
+    split.add_argument("log", type=input_path, metavar="LOG")
+    split.add_argument(
+        "-o",
+        "--out",
+        type=output_path,
+        required=True,
+        metavar="DIR",
+        help="the folder for the parts, LOG-000.mcap and so on; it is made if need be",
+    )
+    ways = split.add_mutually_exclusive_group(required=True)
+    ways.add_argument(
+        "--parts", type=whole(1), metavar="K", help="K parts with about as many messages each"
+    )
+    ways.add_argument(
+        "--rounds", type=whole(1), metavar="N", help="N rounds in a part; without rounds levels"
+    )
+    seconds = number("a number above 0", lambda found: found > 0)
+    ways.add_argument(
+        "--seconds", type=seconds, metavar="S", help="S seconds of the wall clock in a part"
+    )
+    ways.add_argument(
+        "--size",
+        type=seconds,
+        metavar="MB",
+        help="at most MB megabytes (10^6 bytes) in a part, as a file",
+    )
+
+
+def add_log_merge(merge: argparse.ArgumentParser) -> None:
+    """Add the options of ``log merge``."""
+    merge.set_defaults(command=_merge)
+    merge.add_argument("logs", nargs="+", type=input_path, metavar="LOG")
+    merge.add_argument(
+        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+    )
+
+
+def add_selection_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which messages of a recording are taken."""
+    for name, what in (("topics", "take only"), ("exclude", "leave out")):
+        parser.add_argument(
+            f"--{name}",
+            action="append",
+            default=[],
+            metavar="GLOB",
+            help=f"{what} messages whose topic KIND/SENDER, or whose kind, this matches, as"
+            " 'report*' or '*/process_3'; may be given again",
+        )
+    for name, what in (("from", "first"), ("until", "last")):
+        parser.add_argument(
+            f"--{name}",
+            dest=what,
+            type=whole(0),
+            metavar="ROUND",
+            help=f"the {what} round; without rounds the {what} log time, as a level",
+        )
+
+
+def _filter(options: argparse.Namespace) -> int:
+    from cubepath.protocol.recordings.cutting import filter_recording  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
+
+    check_files(options, [options.log], Output(options.out, (".mcap",)))
+    with progress_bar(None, "filter", ""):
+        recording = read_undamaged(options.log)
+        count = filter_recording(
+            recording,
+            options.out,
+            topics=options.topics,
+            exclude=options.exclude,
+            first=options.first,
+            until=options.last,
+        )
+    of = len(recording.records)
+    document = {"messages": count, "of": of, "output": str(options.out)}
+    answer(
+        options, document, visible(f"{count} of {counted(of, 'message')} written to {options.out}")
+    )
+    return DONE
+
+
+def _split(options: argparse.Namespace) -> int:
+    from cubepath.protocol.recordings.cutting import split_recording  # noqa: PLC0415
+
+    folder: Path = options.out
+    check_files(options, [options.log])
+    check_output_folder(folder)
+    with progress_bar(None, "split", ""):
+        made = split_recording(
+            options.log,
+            folder,
+            parts=options.parts,
+            rounds=options.rounds,
+            seconds=options.seconds,
+            size=None if options.size is None else max(1, int(options.size * _MB)),
+        )
+    first, *others = made
+    last = f" to {others[-1].name}" if others else ""
+    text = f"{'1 part' if len(made) == 1 else f'{len(made)} parts'} written: {first}{last}"
+    answer(options, {"parts": [str(path) for path in made]}, visible(text))
+    return DONE
+
+
+def _merge(options: argparse.Namespace) -> int:
+    from cubepath.protocol.recordings.cutting import merge_recordings  # noqa: PLC0415
+
+    check_files(options, options.logs, Output(options.out, (".mcap",)))
+    with progress_bar(None, "merge", ""):
+        count = merge_recordings(options.logs, options.out)
+    document = {"messages": count, "recordings": len(options.logs), "output": str(options.out)}
+    of = counted(len(options.logs), "recording")
+    text = f"{counted(count, 'message')} of {of} written to {options.out}"
+    answer(options, document, visible(text))
+    return DONE
+
+
+_FORMS = {
+    "csv": "a table as CSV",
+    "parquet": "a table as Parquet",
+    "jsonl": "a table as JSON Lines, an object a line",
+    "moves": "a moves file, as 'shorten --convert' writes it",
+    "mcap": "the messages as a .mcap file for other tools, with log times that they can show",
+    "foxglove": "the same with the robot in three dimensions, as messages of Foxglove",
+    "rrd": "the robot as a .rrd file of rerun",
+}
+
+
+def add_log_export(export: argparse.ArgumentParser) -> None:
+    """Add the options of ``log export``."""
+    export.set_defaults(command=_export)
+    export.add_argument("log", type=input_path, metavar="LOG")
+    export.add_argument(
+        "-o",
+        "--out",
+        type=output_path,
+        default=STANDARD_OUTPUT,
+        metavar="OUT",
+        help="a file whose suffix says the form: .csv, .parquet, .json, .jsonl, .mcap or .rrd; by"
+        " default standard output, as CSV, or with --json as one JSON list",
+    )
+    export.add_argument(
+        "--format",
+        choices=_FORMS,
+        metavar="FORM",
+        help="; ".join(f"{name}: {what}" for name, what in _FORMS.items()),
+    )
+    export.add_argument(
+        "--table",
+        choices=("moves", "claims", "messages", "rounds"),
+        default="moves",
+        help="which table (default moves)",
+    )
+    add_selection_options(export)
+    more = more_options(export)
+    more.add_argument(
+        "--log-time",
+        choices=("round", "level", "wall"),
+        help="for .mcap and .rrd: rounds, or without rounds levels (default), or the wall clock",
+    )
+    more.add_argument(
+        "--round-seconds",
+        type=number("a number of at least 1e-9", lambda found: found >= 1e-9),
+        metavar="S",
+        help="how long a round or level lasts on the time line (default 1)",
+    )
+    more.add_argument(
+        "--kinds",
+        default="",
+        metavar="KIND,...",
+        help="take only messages of these kinds, also those that are parts of batches, as claim",
+    )
+
+
+def _export(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.tools.exports.exporting import export  # noqa: PLC0415
+
+    out: Path = options.out
+    foxglove = options.format == "foxglove"
+    form: str | None = None if foxglove else options.format
+    if out == STANDARD_OUTPUT and form is None:
+        form = "json" if options.json else "csv"
+    elif out == STANDARD_OUTPUT and options.json:
+        raise InputError(
+            f"--json: standard output has the rows of --format {form}, expected a file for them or"
+            " no --json"
+        )
+    inner = argparse.Namespace(**{**vars(options), "json": False})
+    check_files(inner, [options.log], Output(out, stream=True))
+    with progress_bar(None, "export", ""):
+        found = export(
+            options.log,
+            out,
+            form=form,
+            table=options.table,
+            first=options.first,
+            until=options.last,
+            topics=options.topics,
+            exclude=options.exclude,
+            log_time=options.log_time,
+            round_seconds=options.round_seconds,
+            foxglove=foxglove,
+            kinds=[each for each in options.kinds.split(",") if each],
+        )
+    document = {"what": found.what, "form": found.form, "count": found.count, "output": str(out)}
+    answer(options, document, visible(f"{found.count} {found.what} written to {file_name(out)}"))
+    return DONE
+
+
+_LOOK_S = 0.2
+_above_0 = number("a number above 0", lambda each: each > 0)
+
+
+def add_log_record(record: argparse.ArgumentParser) -> None:
+    """Add the options of ``log record``."""
+    record.set_defaults(command=_record)
+    record.add_argument(
+        "--connect",
+        required=True,
+        metavar="ENDPOINT",
+        help="where the run can be listened to: as it says itself, or that of its router",
+    )
+    record.add_argument("--run", metavar="RUN", help="which run, if there are several")
+    record.add_argument(
+        "-o",
+        "--out",
+        type=output_path,
+        metavar="LOG.mcap",
+        help="recording to write (default: a new file in logs/)",
+    )
+    record.add_argument(
+        "--topics",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="record these alone, as 'bundle/*' or 'ready'; may be given several times",
+    )
+    record.add_argument(
+        "--exclude", action="append", default=[], metavar="GLOB", help="leave these topics out"
+    )
+    record.add_argument(
+        "--size",
+        type=_above_0,
+        metavar="MB",
+        help="start a new file, LOG-001.mcap and so on, every MB megabytes (10^6 bytes)",
+    )
+    record.add_argument(
+        "--seconds", type=_above_0, metavar="S", help="start a new file every S seconds"
+    )
+    record.add_argument(
+        "--snapshot",
+        type=_above_0,
+        metavar="S",
+        help="keep the last S seconds in memory, and write them to LOG-000.mcap and so on whenever"
+        " asked: by SIGUSR1, the key Enter, or a zenoh query",
+    )
+    record.add_argument("--timeout", type=_above_0, metavar="S", help="leave after S seconds")
+    more = more_options(record)
+    more.add_argument(
+        "--max-cache",
+        type=_above_0,
+        default=100.0,
+        metavar="MB",
+        help="let at most MB megabytes wait to be written, or be kept (default 100)",
+    )
+    add_fields(more, RunOptions, "secure")
+    more.add_argument(
+        "--patience",
+        type=_above_0,
+        default=10.0,
+        metavar="SECONDS",
+        help="give up when no run is there for this long (default 10)",
+    )
+
+
+def _record(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.tools.recorder.recorder import record  # noqa: PLC0415
+
+    check_files(options, [], Output(options.out, (".mcap",)))
+    if options.out is not None and options.out.is_file():
+        raise InputError(f"{options.out}: exists already, expected a new file")
+    for given, name in ((options.size, "size"), (options.seconds, "seconds")):
+        if options.snapshot is not None and given is not None:
+            raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
+    interrupted = False
+    with (
+        _signalled(lambda *_: complain("no run yet: there is nothing to write")),
+        record(
+            options.connect,
+            options.out,
+            run=options.run,
+            topics=options.topics,
+            exclude=options.exclude,
+            split_megabytes=options.size,
+            split_seconds=options.seconds,
+            snapshot_seconds=options.snapshot,
+            memory_megabytes=options.max_cache,
+            secure=options.secure,
+            patience_s=options.patience,
+            say=complain,
+        ) as recorder,
+    ):
+        complain(f"recording run {recorder.run}")
+        try:
+            with _asking(recorder, snapshots=options.snapshot is not None) as look:
+                _wait(recorder, options.timeout, look)
+        except KeyboardInterrupt:
+            interrupted = True
+    answer(options, _document(recorder), table(_rows(recorder)))
+    if recorder.ended == "run gone":
+        complain(f"run {recorder.run} is gone, and has not said how it ended")
+    if interrupted:
+        complain("interrupted")
+        return INTERRUPTED
+    return FAILED if recorder.ended == "router gone" else DONE
+
+
+def _wait(recorder: Recorder, duration_s: float | None, look: Callable[[], None]) -> None:
+    until = None if duration_s is None else time.monotonic() + duration_s
+    while not recorder.wait(_LOOK_S if until is None else min(_LOOK_S, _left(until))):
+        if until is not None and time.monotonic() >= until:
+            return
+        look()
+
+
+def _left(until: float) -> float:
+    return max(0.0, until - time.monotonic())
+
+
+@contextmanager
+def _asking(recorder: Recorder, *, snapshots: bool) -> Generator[Callable[[], None]]:
+    """Have SIGUSR1 ask for a snapshot; yield what looks whether the keyboard does."""
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        recorder.request_snapshot()
+
+    typed = snapshots and sys.stdin is not None and sys.stdin.isatty()
+
+    def look() -> None:
+        if typed and select.select([0], [], [], 0)[0]:
+            with contextlib.suppress(OSError):
+                os.read(0, 1 << 10)
+            recorder.request_snapshot()
+
+    with _signalled(ask):
+        yield look
+
+
+@contextmanager
+def _signalled(handler: Callable[[int, FrameType | None], object]) -> Generator[None]:
+    """Handle SIGUSR1, which would end the command by itself, before its file is closed."""
+    before = signal.signal(signal.SIGUSR1, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+def _document(recorder: Recorder) -> dict[str, object]:
+    return {
+        "run": recorder.run,
+        "logs": [str(path) for path in recorder.logs],
+        "messages": recorder.messages,
+        "ended": recorder.ended,
+        "lost": recorder.lost,
+        "cut_off": recorder.cut_off,
+    }
+
+
+def _rows(recorder: Recorder) -> list[tuple[str, object]]:
+    lost = recorder.lost
+    told = ", ".join(f"{count} of {each}" for each, count in lost.items())
+    return [
+        ("run", recorder.run),
+        ("messages", recorder.messages),
+        ("ended", recorder.ended),
+        ("lost", told or "nothing that is known of"),
+        *([("cut off", f"{recorder.cut_off} times")] if recorder.cut_off else []),
+        *(("log", path) for path in recorder.logs),
+    ]
