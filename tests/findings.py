@@ -19,7 +19,7 @@ from matplotlib.patches import RegularPolygon
 from PIL import Image
 
 from cubepath.coordinator.experiments.tables import without_size
-from studies import DOCS, FOLDER, best_known, markdown, optimum_shown, write_tables
+from studies import DOCS, FOLDER, markdown, write_tables
 
 FILES = {
     "flips": "flip-diameter.json",
@@ -51,7 +51,7 @@ def flips_table(rows: Rows) -> str:
 
 
 def hexagons_table(rows: Rows) -> str:
-    """Return the table of components."""
+    """Return the table of components, from five hexagons on: fewer have one."""
     columns = [
         "n",
         "shapes",
@@ -66,6 +66,9 @@ def hexagons_table(rows: Rows) -> str:
     lines = []
     for row in rows:
         if row["catalogue"] == 2:
+            assert row["components"] == 1
+            continue
+        if row["n"] < 5:
             assert row["components"] == 1
             continue
         keys = ("shapes", "free_shapes", "components", "free_components")
@@ -89,26 +92,6 @@ def factors(row: dict[str, Any], beat: int) -> tuple[float, float, float]:
     runs = row["runs"][beat]
     timing = _mean([rounds / cubes for rounds, cubes in runs])
     return timing, _mean([cubes for _, cubes in runs]) / row["fewest"], row["fewest"] / row["best"]
-
-
-def gaps_table(rows: Rows) -> str:
-    """Return the table of the three gaps, without the systems that the table of prices has."""
-    names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
-    elsewhere = best_known()
-    lines = []
-    for row in rows:
-        if row["system"] in elsewhere:
-            continue
-        both = [factors(row, beat) for beat in (0, 1)]
-        lost = [each for timing, class_, _ in both for each in (class_, timing)]
-        lines.append(
-            [
-                f"`{row['system'].replace(',seed=1', '')}`",
-                optimum_shown(row),
-                *(f"{factor:.2f}" for factor in (both[0][2], *lost)),
-            ]
-        )
-    return markdown(["system", "optimum", "rule", *names], lines)
 
 
 def torsion_table(rows: Rows) -> str:
@@ -292,12 +275,7 @@ def _size(system: str) -> int:
     return int(found[1])
 
 
-TABLES = {
-    "flips": flips_table,
-    "hexagons": hexagons_table,
-    "gaps": gaps_table,
-    "torsion": torsion_table,
-}
+TABLES = {"flips": flips_table, "hexagons": hexagons_table, "torsion": torsion_table}
 PICTURES = {
     "flips": flips_picture,
     "hexagons": hexagons_picture,
@@ -310,7 +288,7 @@ def main() -> None:
     """Write the pictures and the tables."""
     for name in FILES:
         (DOCS / f"findings-{name}.png").write_bytes(PICTURES[name](committed(name)))
-    write_tables({name: TABLES[name](committed(name)) for name in FILES})
+    write_tables({name: table(committed(name)) for name, table in TABLES.items()})
 
 
 if __name__ == "__main__":

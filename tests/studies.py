@@ -98,34 +98,24 @@ def with_best(rows: Sequence[Row]) -> list[Row]:
 
 
 def price_tables(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the tables of prices: factors of the rules alone, and prices of random moves too."""
+    """Return the table of prices: factors of the systems that are played by their rule alone."""
     chance = {row["system"] for row in rows if row["rule"] == "random"}
     best = best_known()
-    reached = priced(with_best(rows))
-    by_setting = groups(reached, ["system", "rule", "hesitate"])
-    factors, prices = [], []
-    for (system, rule), several in groups(rows, ["system", "rule"]).items():
-        optimum = optimum_shown(best[system])
-        both = [by_setting.get((system, rule, hesitate), []) for hesitate in (0.0, 0.5)]
-
-        def mean(name: str, played: Sequence[Row]) -> object:
-            return geometric_mean_interval([row[name] for row in played]) if played else None
-
+    by_setting = groups(priced(with_best(rows)), ["system", "hesitate"])
+    lines = []
+    for system in dict.fromkeys(row["system"] for row in rows):
         if system in chance:
-            assert len(several) == 60
-            price = [mean("price", each) for each in both]
-            prices.append([f"`{system}`", rule, optimum, *price, sum(map(len, both))])
-        else:
-            lost = [mean(name, each) for each in both for name in ("class", "timing")]
-            one = next((row[FACTORS[2]] for each in both for row in each), None)
-            factors.append([f"`{system}`", optimum, one, *lost])
+            continue
+        both = [by_setting.get((system, hesitate), []) for hesitate in (0.0, 0.5)]
+        lost = [
+            geometric_mean_interval([row[name] for row in played]).estimate if played else None
+            for played in both
+            for name in ("class", "timing")
+        ]
+        one = next((row[FACTORS[2]] for each in both for row in each), None)
+        lines.append([f"`{system}`", optimum_shown(best[system]), one, *lost])
     names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
-    return {
-        "rules": markdown(["system", "optimum", "rule", *names], factors),
-        "chance": markdown(
-            ["system", "rule", "optimum", "price, h 0", "price, h ½", "arrived of 60"], prices
-        ),
-    }
+    return {"rules": markdown(["system", "optimum", "rule", *names], lines)}
 
 
 def price_picture(rows: Sequence[Row]) -> bytes:

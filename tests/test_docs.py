@@ -31,11 +31,9 @@ LONG = {
     "experiments",
     "extending",
     "free-clock",
-    "hosts",
-    "python",
-    "record",
     "recordings",
     "replay",
+    "running",
     "schedules",
     "testing",
 }

@@ -59,7 +59,7 @@ def chains(optima: tuple[tuple[str, int], ...]) -> Iterator[Case]:
 
 
 def walked(optima: tuple[tuple[str, int], ...]) -> Iterator[Case]:
-    """Yield the ends of the random walks of docs/benchmarks.md."""
+    """Yield the ends of the random walks of docs/instances.md."""
     for spec, optimum in optima:
         (walk,) = walks((spec,), WALK)
         state: set[Site] = set(walk.task.start)

@@ -1,4 +1,4 @@
-"""Recordings of both clocks that were forged, by what docs/recordings.md calls the forgery."""
+"""Recordings of both clocks that were forged, by what `forgeries.md` calls the forgery."""
 
 from __future__ import annotations
 
@@ -339,12 +339,12 @@ def refused(decision: Any) -> Any:
     if decision["kind"] != "decision" or "commit" not in decision:
         return None
     kept = {key: decision[key] for key in ("kind", "module", "epoch", "number")}
-    return kept | {"why": "no"}
+    return kept | {"reason": "no"}
 
 
 def otherwise(decision: Any) -> Any:
     """Return a refusal for another reason."""
-    return decision | {"why": "it was late"} if decision.get("why") else None
+    return decision | {"reason": "it was late"} if decision.get("reason") else None
 
 
 def emptied(shown: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The table of forgeries in docs/recordings.md: each row is built, and fails what the row says."""
+"""The table of forgeries: each row is built, and fails what the row says."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from samples.free_runs import asked
 from tampering.forgeries import FORGERIES, Forgery
 
-PAGE = Path(__file__).parents[3] / "docs" / "recordings.md"
+TABLE = Path(__file__).parents[2] / "tampering" / "forgeries.md"
 
 
 class Row(NamedTuple):
@@ -25,13 +25,13 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     """Return the rows of the table."""
-    lines = PAGE.read_text().partition("| what was changed |")[2].splitlines()[2:]
+    lines = TABLE.read_text().partition("| what was changed |")[2].splitlines()[2:]
     table = takewhile(lambda line: line.startswith("|"), lines)
     return [Row(*(cell.strip() for cell in line.strip("|").split("|"))) for line in table]
 
 
 def cases() -> list[Any]:
-    """Return each forgery with what the page says of it."""
+    """Return each forgery with what the table says of it."""
     found = []
     for row in rows():
         for clock, said, make in zip(
@@ -42,14 +42,14 @@ def cases() -> list[Any]:
     return found
 
 
-def test_the_page_has_a_row_for_each_forgery() -> None:
+def test_the_table_has_a_row_for_each_forgery() -> None:
     """And a forgery for each row, in the same order."""
     assert [row.name for row in rows()] == list(FORGERIES)
 
 
 @pytest.mark.few(12)
 @pytest.mark.parametrize(("make", "said"), cases())
-def test_a_forgery_fails_what_the_page_says(make: Forgery, said: str) -> None:
+def test_a_forgery_fails_what_the_table_says(make: Forgery, said: str) -> None:
     """Or passes, and the check is not made, or nothing proves that it is one."""
     found = asked(make())
     failing = {check.name for check in found.checks if not check.ok}

@@ -3,7 +3,7 @@
 The first line has the rule and, by the numbers of moves in the input, what cancels. Each further
 line has a move with its number there, and the number of the move that binds it: together they prove
 that nothing in the timetable can be earlier. A timetable that is not of the moves of its input has
-neither. See docs/following.md.
+neither. See docs/schedules.md.
 
 It touches only the files it is given, and knows nothing of scheduling.
 """

@@ -1,6 +1,6 @@
 """Proofs about vehicles that may follow: no timetable has so few rounds, and here is one with more.
 
-It touches only the file that it is given. This is the format, described in docs/following.md, of
+It touches only the file that it is given. This is the format, described in docs/schedules.md, of
 blocks as `proof_blocks` writes them. What a proof proves is decided by
 `proof_checking` of `theory`, which shares only this module with the code that makes proofs.
 """

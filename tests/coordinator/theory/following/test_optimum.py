@@ -120,7 +120,7 @@ def test_random_plans_are_never_below_the_optimum() -> None:
 def test_grid8_by_the_command(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, rule: str, told: tuple[object, ...]
 ) -> None:
-    """The optima of docs/following.md, written and checked."""
+    """The optima of docs/schedules.md, written and checked."""
     given, output = AGV / "grid8-12agents.json", tmp_path / "best.jsonl"
     options = ["--following", rule, "--prove", "60", "-o", str(output), "--json"]
     assert main(["improve", str(given), *options]) == 0

@@ -181,7 +181,7 @@ def test_reduction_is_that_of_the_heap() -> None:
     ],
 )
 def test_sample_plans(name: str, rule: Rule, rounds: int) -> None:
-    """The figures of docs/following.md."""
+    """The figures of docs/schedules.md."""
     found = following_timetable(read_vehicle_plan(AGV / f"{name}.json"), rule)
     assert found.makespan == rounds
     assert not any(check_following(timetable_file(found), found.plan).values())

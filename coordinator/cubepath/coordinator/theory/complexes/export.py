@@ -6,7 +6,7 @@ cube that is in no larger one is, as nearly as the complex allows it, a unit cub
 (Müller et al., "Meshless deformations based on shape matching", 2005), held apart by stress
 majorization (Gansner et al., "Graph drawing by stress majorization", 2004). Nothing is random, so
 the same complex gives the same picture. What is near lies over what is far, which is paler.
-matplotlib is imported when something is drawn; docs/viewing.md has the fields of a page.
+matplotlib is imported when something is drawn; `page_document` has the fields of a page.
 """
 
 from __future__ import annotations

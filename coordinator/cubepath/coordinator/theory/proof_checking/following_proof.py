@@ -4,7 +4,7 @@ Part of `cubepath verify`; nothing is shared with the code that makes proofs but
 file. Variables and clauses are derived again from the graph, each lemma of the log is followed, and
 the timetable is carried out by the definition of its rule. Every variable says something about a
 timetable, and each clause holds for every legal timetable under these meanings, so if they cannot
-be satisfied there is none. docs/following.md has the variables.
+be satisfied there is none. docs/schedules.md has the variables.
 """
 
 from __future__ import annotations

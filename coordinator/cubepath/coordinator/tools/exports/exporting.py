@@ -387,7 +387,7 @@ def export(
 
     `form` is "csv", "parquet", "json" (one list), "jsonl" (an object a line), or "moves": a moves
     file, as `convert` writes it. By default it is the suffix of `out`. `table` is "moves",
-    "claims", "messages" or "rounds"; docs/record.md has their columns, units and types. `first`
+    "claims", "messages" or "rounds"; docs/recordings.md has their columns, units and types. `first`
     and `until` are the first and the last round that is taken; `topics`, `exclude` (patterns) and
     `kinds` are for messages. Rows are read and written some at a time.
 

@@ -1,9 +1,19 @@
 """What a page is fed while a run goes on: events, in the order in which they are to be taken.
 
-The run hands over its steps and continues; a thread of the feed makes events of them, once for all
-who watch, and takes a small share of the time for that. A message may come after the step that it
-belongs to; then that step is told again. What strangers send to an open router, and what cannot be,
-is ignored. `docs/viewing.md` has the events' fields.
+A thread of the feed makes events of the steps, once for all viewers, and takes a small share of the
+time for that. A message may come after the step that it belongs to; then that step is sent again.
+What strangers send to an open router, and what cannot be, is ignored. The events and their data (fields of paths and worlds as in `page_document`):
+
+- `steps`: `from`, how many steps stay; `rows` of each later step; `before`, the number of rounds
+  before the page's first; `world`, null, or what is new in `sites` and `rows`, and changes of
+  `box`, `behind`, `before` and `goal`; with a state complex `states` after these steps;
+- `said`: `claims` and `heard`, lists of pairs of a step and three numbers an entry (`module`,
+  `row`, `won`; `kind`, `from`, `to`); `kinds`, their names; `world` as above; `left_out` instead of
+  `heard` after a million deliveries; `dropped`, the number of messages too many to follow;
+- `schedule`: of all moves so far `level`, `partner`, `below`, `depth`, `chain`, and the `normal`
+  cube path; with a state complex the `states` along it;
+- `state`: `paused`, `steps` still to be made, `rate`; not if the run can only be watched;
+- `end`: `ended`, `error`.
 """
 
 from __future__ import annotations

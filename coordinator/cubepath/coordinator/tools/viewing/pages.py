@@ -165,7 +165,44 @@ def _split(template: str) -> list[str]:
 
 
 def page_document(path: Path | str) -> Any:
-    """Return the document of a page that `run_page` wrote, with its arrays as lists."""
+    """Return the document of a page that `run_page` wrote, with its arrays as lists.
+
+    Its keys are `format` (1); `title`, `facts` and `names`, the texts of the head; `worlds`, what
+    the paths of one scene are made of; `paths`, for each input the path as executed or given, and
+    its normal cube path; `beside`, the numbers of the two paths shown first; and `complex`, null
+    or `counts`, `points` (x, y, z of each state), `edges`, `squares`, and for each path the state
+    after each step.
+
+    A world has
+
+    - `spec`, `drawing`: the scene and its style of pictures;
+    - `box`: left, right, low, high of the picture, in cells, y upwards;
+    - `behind`, `before`: what lies below and above the modules and never changes, as `ops` in
+      order and the `outlines` that they use;
+    - `outline`, `thick`, `joints`: how a module looks that is a cell or a box, or a bar;
+    - `modules`: the `colour` and the `word` of each;
+    - `start`, `goal`: numbers of sites; -1 for a site of the goal that no module ever reached;
+    - `sites`: `name`, `shape` (0 unseen, 1 cell, 2 bar, 3 box, 4 dot), `at` and `to` (x, y each),
+      `colour`, `word`;
+    - `rows`: moves in one direction, with `generator` (a number in `generators`), `at`, and from
+      ``begins[row]`` on the `source` and `target` of each module, the mover first, with the
+      `corner` about which it turns by `turn` radians counter-clockwise, or 0.
+
+    A path has
+
+    - `world`, `title`, `step`: its world, its name, and what a step is: round, level, move, cube;
+    - `marks`: of the path as executed, if any: pairs of a step and its label on the time axis;
+    - `before`: of a saved page that joined late: the number of steps before its first;
+    - `ends`: the number of moves up to the end of each step; `rows`: the row of each move;
+    - `below`, `depth`, `chain`: the move that each waits for, or -1; its depth in the heap, from 1;
+      the longest chain;
+    - `level`, `partner`: of the path as executed: the cube of each move, or 0 and then the move
+      that it cancels with;
+    - `claims`: of recordings: `ends`, and of each claim `module`, `row`, and `won` (0 lost,
+      1 granted, 2 unknown);
+    - `heard`: with rounds, the deliveries: `ends`, and of each `kind` (a number in `kinds`),
+      `from` and `to`; or `left_out`, their number, if there are more than a million.
+    """
     text = Path(path).read_text("utf-8")
     begin = text.index(_BEGIN) + len(_BEGIN)
     return unpack(text[begin : text.index(_END, begin)])

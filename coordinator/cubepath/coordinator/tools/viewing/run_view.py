@@ -1,6 +1,6 @@
 """A run, or another path, as the data of a page: as it was executed, and its normal cube path.
 
-`docs/viewing.md` has the document's fields. Each move falls onto the moves before it until one that
+`page_document` has the fields. Each move falls onto the moves before it until one that
 it does not commute with; nothing is cancelled. Its *depth* is one more than the greatest depth of
 those, and it *waits for* the last of them with that depth. From the last move of the greatest depth
 these lead down to depth 1: the longest chain of moves that had to follow each other. Source: heaps
