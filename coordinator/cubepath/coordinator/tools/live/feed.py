@@ -1,8 +1,10 @@
-"""What a page is fed while a run goes on: events, in the order in which they are to be taken.
+"""The events that a page receives during a run, in the order in which it applies them.
 
 A thread of the feed makes events of the steps, once for all viewers, and takes a small share of the
 time for that. A message may come after the step that it belongs to; then that step is sent again.
-What strangers send to an open router, and what cannot be, is ignored. The events and their data (fields of paths and worlds as in `page_document`):
+What strangers send to an open router, and what cannot be, is ignored.
+
+The events and their data (fields of paths and worlds as in `page_document`):
 
 - `steps`: `from`, how many steps stay; `rows` of each later step; `before`, the number of rounds
   before the page's first; `world`, null, or what is new in `sites` and `rows`, and changes of
