@@ -174,9 +174,7 @@ def test_rows_come_out_again(study: str, name: str) -> None:
     """Small systems and two seeds, played again: the same but for seconds."""
     spec = read_sweep_file(FOLDER / f"{name}.toml")
     small = replace(spec, systems=SMALL[name], seeds=spec.seeds[:2])
-    again = kept(
-        play_sweep(expand(small), None, jobs=1, cluster=None, record=False, watch=_unwatched).rows
-    )
+    again = kept(play_sweep(expand(small), None, jobs=1, record=False, watch=_unwatched).rows)
     known = {_named(row): row for row in committed(study)}
     assert again
     assert [known[_named(row)] for row in again] == again
@@ -187,11 +185,7 @@ def test_one_run_of_each_kind_comes_out_again() -> None:
     for study, system in (("price", "words"), ("free-clock", "arm:n=8")):
         spec = read_sweep_file(FOLDER / f"{SPECS[study][-1 if study == 'price' else 0]}.toml")
         small = replace(spec, systems=(system,), seeds=(3,))
-        again = kept(
-            play_sweep(
-                expand(small), None, jobs=1, cluster=None, record=False, watch=_unwatched
-            ).rows
-        )
+        again = kept(play_sweep(expand(small), None, jobs=1, record=False, watch=_unwatched).rows)
         known = {_named(row): row for row in committed(study)}
         assert len(again) > 1
         assert [known[_named(row)] for row in again] == again

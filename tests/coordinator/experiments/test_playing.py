@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from dataclasses import replace
 from errno import ENOSPC
@@ -117,24 +116,3 @@ def test_what_was_prevented_is_played_the_next_time(tmp_path: Path) -> None:
     for known in (0, 1):
         found = sweep(system, rules=rule, seeds="1,", max_rounds=9, out=out)
         assert (found.known, [row["ended"] for row in found.rows]) == (known, ["max-rounds"])
-
-
-@pytest.mark.thorough
-def test_a_worker_that_lives_on_plays_files_as_they_are_now(tmp_path: Path) -> None:
-    """One process of a cluster, asked twice; the files have changed between."""
-    distributed = importlib.import_module("distributed")  # the extra `cluster`, which .ci/run has
-    found = list[Row]()
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
-        for made, size in ((RANDOM, 3), (STAYING, 4)):
-            setting = asked(tmp_path, made, size).setting
-            found += sweep(
-                setting.system,
-                rules=setting.rule,
-                seeds="1,",
-                max_rounds=9,
-                cluster=cluster.scheduler_address,
-            ).rows
-    assert [row["modules"] for row in found] == [3, 4]
-    assert found[0]["moves"] > found[1]["moves"] == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import multiprocessing
 import os
 import signal
@@ -27,8 +26,8 @@ from cubepath.coordinator.experiments.rows import FinishedRun, Row
 from cubepath.coordinator.experiments.setting import RunBatch, code_version
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
-from cubepath.coordinator.experiments.workers import Cluster, Pool
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.coordinator.experiments.workers import Pool
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 
@@ -348,8 +347,6 @@ def test_results_are_read_as_tables(tmp_path: Path) -> None:
     assert found.rounds_table().to_pylist() == found.rounds
     read = pyarrow.parquet.read_table(tmp_path / "rounds").to_pylist()
     assert sorted(map(str, read)) == sorted(map(str, found.rounds))
-    frame = pytest.importorskip("pandas") and found.frame()
-    assert frame["cubes"].tolist() == [row["cubes"] for row in found.rows]
 
 
 def test_a_part_of_rounds_without_its_runs_does_not_count(tmp_path: Path) -> None:
@@ -452,29 +449,6 @@ def test_where_no_process_can_start_a_line_says_so(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(workers, "_begin", os.abort)
     with pytest.raises(InputError, match="__main__"):
         Pool(2).start()
-
-
-def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a line that names the address; so is a missing distribution, with how to install it."""
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'cubepath\[cluster\]'"):
-        Cluster("tcp://127.0.0.1:1").start()
-
-
-@pytest.mark.thorough
-def test_a_cluster_gives_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Real workers in processes of their own; nobody is left connected."""
-    distributed = importlib.import_module("distributed")  # the extra `cluster`, which .ci/run has
-    monkeypatch.setattr(workers, "_CONNECT_S", 3)
-    with pytest.raises(CheckError, match="no dask scheduler"):
-        Cluster("tcp://127.0.0.1:1").start()
-    here = sweep("hex:n=4..6", **SMALL)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
-        there = sweep("hex:n=4..6", cluster=cluster.scheduler_address, **SMALL)
-    assert timeless(there.rows) == timeless(here.rows)
-    assert there.rounds == here.rounds
 
 
 def batches() -> list[RunBatch]:

@@ -118,9 +118,6 @@ def _add_more(more: Any) -> None:
         help="search for a path with few cubes from start to goal in STEPS steps, from what the"
         " family's rule does with seed 0 (default 0: no search)",
     )
-    more.add_argument(
-        "--connect", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
-    )
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -237,7 +234,6 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
                 expansion,
                 folder,
                 jobs=options.jobs or cores(),
-                cluster=options.connect,
                 record=options.log,
                 watch=watch,
                 begin=begin,

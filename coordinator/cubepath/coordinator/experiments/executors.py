@@ -1,8 +1,7 @@
 """Batches handed out to executors, whose processes may die.
 
-All that is asked of an executor is what `concurrent.futures.Executor` promises. A process that dies
-takes nothing with it: each run that it may have died of is played once more, alone, and has a row
-with the reason if that ends in the same way.
+A process that dies takes nothing with it: each run that it may have died of is played once more,
+alone, and has a row with the reason if that ends in the same way.
 
 What is compiled once for an installation, compiled in two processes side by side.
 
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -26,7 +25,7 @@ from concurrent.futures import (
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.playing import GRACE_S, late, play_batch
 from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import RunBatch
+from cubepath.coordinator.experiments.workers import Pool
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.protocol.compiled import PLAIN_STEPS, allowance
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -83,26 +83,6 @@ _AHEAD = 2
 _LOOK_S = 0.5
 
 
-class Workers(Protocol):
-    """Executors one after another: a new one each time that the last one is broken."""
-
-    count: int
-    """How many workers there are, once they are started."""
-
-    @property
-    def play(self) -> Callable[[RunBatch, Path | None], list[FinishedRun]]:
-        """Return what a worker calls with a batch."""
-        ...
-
-    def start(self) -> Executor:
-        """Return an executor that works; InputError if there can be none."""
-        ...
-
-    def end(self, *, at_once: bool) -> None:
-        """End what was started last; `at_once` whatever it is doing."""
-        ...
-
-
 def played_here(
     batches: Iterable[RunBatch], recordings: Path | None
 ) -> Iterator[list[FinishedRun]]:
@@ -112,7 +92,7 @@ def played_here(
 
 
 def played_by(
-    workers: Workers, batches: Iterable[RunBatch], recordings: Path | None, *, few: bool = False
+    workers: Pool, batches: Iterable[RunBatch], recordings: Path | None, *, few: bool = False
 ) -> Generator[list[FinishedRun]]:
     """Yield the rows of batches as they are finished; whatever happens, no worker is left at it.
 
@@ -133,7 +113,7 @@ def played_by(
 class _Playing:
     """What is handed out, and what has to be played alone."""
 
-    workers: Workers
+    workers: Pool
     left: deque[RunBatch]
     recordings: Path | None
     few: bool

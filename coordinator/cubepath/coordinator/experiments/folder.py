@@ -187,15 +187,6 @@ class SweepFolder:
                     path.rename(path.with_name(f".{path.name}.damaged"))
         return found
 
-    def replace(self, rows: Sequence[Row]) -> None:
-        """Keep these rows of runs for those that are there; their rounds stay as they are."""
-        if rows:
-            self.write()
-            told = "".join(f"{row['id']} {row['configuration']}" for row in rows)
-            name = f"{sha256(told.encode()).hexdigest()[:16]}-again"
-            self._write("rounds", name, table_of([], ROUND_COLUMNS))
-            self._write("runs", name, table_of(rows, RUN_COLUMNS))
-
     def add(self, rows: Iterable[FinishedRun]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
         self._waiting += rows

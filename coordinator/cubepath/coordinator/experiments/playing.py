@@ -5,21 +5,18 @@ over its limit is a row with that reason.
 
 Nothing is raised but interrupts: what goes wrong in a run is a row of its own. A process that plays
 may live for long, and files change: what is played is what was asked for.
-
-What is found out of a scene after its runs were played: added to their rows.
 """
 
 from __future__ import annotations
 
 import contextlib
 import faulthandler
-import json
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from errno import EDQUOT, EMFILE, ENFILE, ENOMEM, ENOSPC
 from pathlib import Path
@@ -27,9 +24,9 @@ from types import FrameType
 
 from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
-from cubepath.coordinator.experiments.instances import SceneFacts, facts_of, forget_facts
+from cubepath.coordinator.experiments.instances import facts_of, forget_facts
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import AGAIN, PREVENTED, TIMEOUT, FinishedRun, Row
+from cubepath.coordinator.experiments.rows import PREVENTED, TIMEOUT, FinishedRun
 from cubepath.coordinator.experiments.setting import (
     RunBatch,
     RunSetting,
@@ -38,7 +35,7 @@ from cubepath.coordinator.experiments.setting import (
     source_hash,
 )
 from cubepath.coordinator.experiments.wire_core import play_on_wire, play_simulated
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 GRACE_S = 5.0
@@ -104,7 +101,7 @@ def over_limit(seconds: float) -> str:
 
 
 _alone = threading.RLock()
-"""Held while a batch is played: a worker of a cluster may have several threads."""
+"""Held while a batch is played: a program may sweep in several threads."""
 
 
 _MACHINE = (MemoryError.__name__, *map(os.strerror, (ENOSPC, EDQUOT, ENOMEM, EMFILE, ENFILE)))
@@ -200,21 +197,6 @@ def _prevented(batch: RunBatch, seed: int, why: str) -> FinishedRun:
     return found
 
 
-def loaded_facts(setting: RunSetting, *, optimum: int, improve: int) -> SceneFacts:
-    """Return what these searches find in the scene of a setting, as its file is now.
-
-    InputError if that is not the scene that was asked for.
-    """
-    with _alone, contextlib.redirect_stdout(sys.stderr):
-        facts = facts_of(setting.system, optimum, improve)
-        if facts.hashed != setting.scene:
-            forget_facts()
-            facts = facts_of(setting.system, optimum, improve)
-        if facts.hashed != setting.scene:
-            raise InputError(f"{setting.system}: was changed while the sweep began")
-    return facts
-
-
 def _check(batch: RunBatch) -> None:
     """Raise an error if cubepath, the scene or the rule are not those of the batch."""
     if code_version() != batch.code:
@@ -275,47 +257,3 @@ def _played(batch: RunBatch, recordings: Path | None) -> Iterator[PlayedRun]:
         played = play(setting, facts, seed, log)
         _check_again(setting)
         yield played
-
-
-_SEARCHES = ("optimum", "improve")
-
-
-def searching(batches: Iterable[RunBatch]) -> bool:
-    """Return whether anything is searched for in scenes."""
-    return any(getattr(batch.setting, name) for batch in batches for name in _SEARCHES)
-
-
-def searched_again(batches: Iterable[RunBatch], rows: Iterable[Row]) -> Iterator[Row]:
-    """Yield the rows of known runs for whose scenes more is searched now, with what is found.
-
-    A row is as that of a run which is played with these searches, and keeps what was known.
-    """
-    known = {row["id"]: row for row in rows if row["ended"] not in AGAIN}
-    for batch in batches:
-        asked = {name: getattr(batch.setting, name) for name in _SEARCHES}
-        for row in (known[each] for each in batch.ids() if each in known):
-            told = json.loads(row["configuration"])
-            if all(asked[name] <= told[name] for name in _SEARCHES):
-                continue
-            more = {name: max(asked[name], told[name]) for name in _SEARCHES}
-            facts = loaded_facts(batch.setting, **more)
-            configuration = json.dumps(told | more, sort_keys=True)
-            yield row | _found(row, facts) | {"configuration": configuration}
-
-
-def _found(row: Row, facts: SceneFacts) -> Row:
-    """Return the columns of a row that follow from what is known of its scene."""
-    if row["rounds"] is None:  # it failed
-        cubes, bound = None, None
-    else:
-        cubes = row["cubes"] if row["goal"] else None
-        bound = max(_known(row["bound"], facts.bound(cubes)), default=None)
-    best = min(_known(row["best_known"], facts.best_found), default=None)
-    optimum = next(iter(_known(facts.optimum, row["optimum"])), None)
-    if optimum is None and bound is not None and bound in (best, cubes):
-        optimum = bound
-    return {"bound": bound, "best_known": best, "optimum": optimum}
-
-
-def _known(*numbers: int | None) -> list[int]:
-    return [each for each in numbers if each is not None]

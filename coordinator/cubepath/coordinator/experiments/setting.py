@@ -207,7 +207,7 @@ OF_SCENES = ("optimum", "improve", "best_known", "proved")
 _ID = 16
 _WITHOUT_RESULTS = ("commands", "paper", "auditing", "testing")
 """Rooms of the coordinator whose code decides nothing about a run."""
-_OF_REPORTS = ("report", "page", "plots", "prices", "statistics", "tables")
+_OF_REPORTS = ("report", "plots", "statistics", "tables")
 """Modules of this room of which the same holds."""
 
 
@@ -294,10 +294,10 @@ class RunSetting:
     def deciding(self) -> dict[str, Any]:
         """Return what decides about the run: files by what they hold, and not by where they lie.
 
-        What is searched for or known in the scene changes nothing in it.
+        What is known of the scene from elsewhere changes nothing in it.
         """
         told = asdict(self)
-        for name in ("label", "system", *OF_SCENES):
+        for name in ("label", "system", "best_known", "proved"):
             del told[name]
         return told | {"rule": self.rule.rpartition("/")[2]}
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.experiments.executors import Workers, played_by, played_here
+from cubepath.coordinator.experiments.executors import played_by, played_here
 from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
-from cubepath.coordinator.experiments.playing import searched_again, searching
 from cubepath.coordinator.experiments.rows import (
     FAILURES,
     ROUND_COLUMNS,
@@ -21,7 +20,7 @@ from cubepath.coordinator.experiments.rows import (
 )
 from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
 from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, is_small, sweep_of
-from cubepath.coordinator.experiments.workers import Cluster, Pool
+from cubepath.coordinator.experiments.workers import Pool
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 
@@ -65,55 +64,27 @@ class SweepResults:
         """Return the rounds as a `pyarrow.Table`; InputError as for `table`."""
         return table_of(self.rounds, ROUND_COLUMNS)
 
-    def frame(self) -> Any:
-        """Return the runs as a `pandas.DataFrame`; InputError if pandas is not installed."""
-        return _frame(self.rows, RUN_COLUMNS)
-
-    def rounds_frame(self) -> Any:
-        """Return the rounds as a `pandas.DataFrame`; InputError as for `frame`."""
-        return _frame(self.rounds, ROUND_COLUMNS)
-
-
-def _frame(rows: Sequence[Row], columns: Iterable[str]) -> Any:
-    try:
-        import pandas as pd  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise InputError("frames need pandas, expected it installed (pip install pandas)") from None
-    return pd.DataFrame.from_records(list(rows), columns=list(columns))
-
 
 def sweep(
     systems: str | Path | Sweep | Sequence[str],
     *,
-    rules: object = None,
-    clocks: object = None,
-    hesitate: object = None,
-    faults: object = None,
-    seeds: object = None,
-    core: str | None = None,
-    max_rounds: int | None = None,
-    processes: int | None = None,
-    keepers: int | None = None,
-    optimum: int | None = None,
-    improve: int | None = None,
-    timeout_s: float | None = None,
     out: Path | str | None = None,
     jobs: int = 1,
-    cluster: str | None = None,
     record: bool = False,
-    watch: Watch | None = None,
+    watch: Watch = lambda _: None,
+    **settings: object,
 ) -> SweepResults:
     """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
 
-    `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
-    up to `timeout_s` is one value or several, as in such a file (see `Sweep`), and replaces what
-    the file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
+    `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. The
+    `settings` are those of a `Sweep`, such as ``rules`` and ``max_rounds``: each is one value or
+    several, as in such a file, and replaces what the file says; ``seeds`` is a number of seeds, a
+    text such as "5..9", or the seeds.
 
     With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
     there are not played again; `record` keeps a recording of each run with messages there. `jobs`
     is the number of processes, 1 for this one alone (more need a program whose work is under
-    ``if __name__ == "__main__":``); `cluster` is the address of a dask scheduler instead. `watch`
-    is called with the runs that were just finished.
+    ``if __name__ == "__main__":``). `watch` is called with the runs that were just finished.
 
     A rule that ends its process ends this one, if it is played here; with `jobs` above 1, or a
     `timeout_s`, rules from elsewhere are played in other processes whatever there is to play.
@@ -128,21 +99,7 @@ def sweep(
     hex:n=5 chain 19 goal
     hex:n=5 random 50 max-rounds
     """
-    given = {
-        "rules": rules,
-        "clocks": clocks,
-        "hesitate": hesitate,
-        "faults": faults,
-        "seeds": seeds,
-        "core": core,
-        "max_rounds": max_rounds,
-        "processes": processes,
-        "keepers": keepers,
-        "optimum": optimum,
-        "improve": improve,
-        "timeout_s": timeout_s,
-    }
-    table = {key: _plain(value) for key, value in given.items() if value is not None}
+    table = {key: _plain(value) for key, value in settings.items() if value is not None}
     if isinstance(systems, Sweep):
         if table:
             raise InputError(f"{next(iter(table))}: given beside a Sweep, expected it there")
@@ -158,9 +115,8 @@ def sweep(
         expansion,
         folder,
         jobs=jobs,
-        cluster=cluster,
         record=record,
-        watch=watch or _ignore,
+        watch=watch,
         apart=jobs > 1 and expansion.foreign,
     )
 
@@ -174,16 +130,11 @@ def _plain(value: object) -> object:
     return [_plain(each) for each in value]
 
 
-def _ignore(_: Sequence[FinishedRun]) -> None:
-    """Do nothing."""
-
-
 def play_sweep(
     expansion: Expansion,
     folder: Path | None,
     *,
     jobs: int,
-    cluster: str | None,
     record: bool,
     watch: Watch,
     apart: bool = False,
@@ -194,8 +145,6 @@ def play_sweep(
     Runs with a limit of time, and with `apart` all of them, are played in other processes.
     """
     timeout_s = expansion.timeout_s
-    if cluster is not None and timeout_s is not None:
-        raise InputError("timeout_s: not on a cluster, expected processes of this machine")
     if record and folder is None:
         raise InputError("record: without a folder for the recordings, expected one")
     if record and any(_unrecorded(batch) for batch in expansion.batches):
@@ -218,12 +167,9 @@ def play_sweep(
         ]
         before = expansion.runs - sum(len(batch.seeds) for batch in left)
         begin(before)
-        if writing is not None and before and searching(expansion.batches):
-            earlier = results_of(expansion, writing.folder, before).rows
-            writing.replace([*searched_again(expansion.batches, earlier)])
         kept: list[FinishedRun] = []
         apart = apart or timeout_s is not None
-        with closing(_played(left, recordings, jobs, cluster, apart=apart)) as played:
+        with closing(_played(left, recordings, jobs, apart=apart)) as played:
             for found in played:
                 if writing is None:
                     kept += found
@@ -284,18 +230,11 @@ def _without(batch: RunBatch, known: Mapping[str, str | None], recordings: Path 
 
 
 def _played(
-    batches: Sequence[RunBatch],
-    recordings: Path | None,
-    jobs: int,
-    cluster: str | None,
-    *,
-    apart: bool,
+    batches: Sequence[RunBatch], recordings: Path | None, jobs: int, *, apart: bool
 ) -> Generator[list[FinishedRun]]:
-    workers: Workers | None = None
+    workers: Pool | None = None
     few = is_small(batches)
-    if cluster is not None:
-        workers = Cluster(cluster)
-    elif apart:
+    if apart:
         workers = Pool(max(1, min(jobs, len(batches))), "jobs=1 and no timeout_s")
     elif min(jobs, len(batches)) > 1 and not few:
         workers = Pool(min(jobs, len(batches)))

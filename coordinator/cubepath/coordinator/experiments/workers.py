@@ -1,4 +1,4 @@
-"""Workers: processes on the cores of this machine, or those of a dask cluster."""
+"""Workers: processes on the cores of this machine."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import RunBatch
 from cubepath.coordinator.experiments.wire_core import discard_scratch
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import InputError
 
 _END_S_MAX = 10.0
-_CONNECT_S = 10
 _ENDED = 3
 
 
@@ -132,46 +131,3 @@ def _begin() -> None:
 def _end_with(sentinel: int) -> None:
     wait([sentinel])
     _end()
-
-
-class Cluster:
-    """The workers of a dask cluster that is there already."""
-
-    play = staticmethod(play_batch)
-
-    def __init__(self, address: str) -> None:
-        """Name the scheduler by its address; nothing is connected to yet."""
-        self.address = address
-        self.count = 1
-        """How many tasks its workers took at a time when it was connected to."""
-        self._client: Any = None
-        self._executor: Any = None
-
-    def start(self) -> Executor:
-        """Connect; InputError if dask is not installed, CheckError if nobody answers."""
-        try:
-            import distributed  # noqa: PLC0415 - an extra
-        except ImportError:
-            raise InputError(
-                "cluster: needs dask's distributed, expected it installed (pip install"
-                " 'cubepath[cluster]')"
-            ) from None
-        try:
-            connect: Any = distributed.Client
-            self._client = connect(self.address, timeout=_CONNECT_S, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            text = " ".join(str(error).split()) or type(error).__name__
-            raise CheckError(f"{self.address}: no dask scheduler: {text}") from None
-        self.count = max(1, sum(self._client.nthreads().values()))
-        self._executor = self._client.get_executor()
-        executor: Executor = self._executor
-        return executor
-
-    def end(self, *, at_once: bool) -> None:
-        """Disconnect; tasks that have begun are left to end by themselves."""
-        if self._client is None:
-            return
-        client, self._client = self._client, None
-        if not at_once:
-            self._executor.shutdown(wait=True)
-        client.close()
