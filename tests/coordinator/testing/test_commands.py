@@ -1,4 +1,4 @@
-"""Commands of others: told by their lines, and ended with all that they have started."""
+"""Commands of others: told by their lines, and ended with their process group."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing import ward
 from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -19,9 +18,9 @@ pytestmark = pytest.mark.slow
 ENOUGH_S = 30.0
 FAMILY = """
 import os, subprocess, sys, time
-# One in a session of its own, whose parent is gone at once, and one that ignores what it can.
+# One whose parent is gone at once, and one that ignores what it can.
 child = subprocess.Popen([sys.executable, "-c", "import subprocess;"
-    "print(subprocess.Popen(['sleep', '1000'], start_new_session=True).pid)"])
+    "print(subprocess.Popen(['sleep', '1000']).pid)"])
 child.wait()
 import signal
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -55,7 +54,7 @@ def family(command: Command) -> list[int]:
 
 @pytest.mark.parametrize("how", ["closed", "killed", "an exception"])
 def test_nothing_is_left_of_a_command(how: str) -> None:
-    """Nor of what it has started, in whatever session and with whatever parent."""
+    """Nor of what it has started in its process group, with whatever parent."""
     command = Command([sys.executable, "-c", FAMILY])
     pids = family(command)
     assert all(map(is_there, pids))
@@ -72,15 +71,13 @@ def test_nothing_is_left_of_a_command(how: str) -> None:
 
 
 OWNER = """
-import os, signal, sys, time
+import os, signal, subprocess, sys, time
 from cubepath.coordinator.testing.commands import Command, Guard
 guard = Guard()
 stopped = Command(["sleep", "1000"])
 command = Command([sys.executable, "-c", sys.argv[1]])
 found = command.says("all there")
-paused = os.fork()
-if not paused:
-    os.execvp("sleep", ["sleep", "1000"])
+paused = subprocess.Popen(["sleep", "1000"]).pid
 os.kill(paused, signal.SIGSTOP)
 guard.watch(paused)
 guard.watch_folder(sys.argv[2])
@@ -108,30 +105,6 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
     end = time.monotonic() + ENOUGH_S
     while folder.exists() and time.monotonic() < end:
         time.sleep(0.02)
-    assert not folder.exists()
-
-
-LATE = """
-import os, sys
-sys.path.insert(0, sys.argv[1])
-from ward import Ward
-ward = Ward(os.open(os.devnull, os.O_WRONLY), [])
-ward._parent = -1
-ward.wait()
-ward.end()
-"""
-
-
-def test_what_a_guard_was_told_last_counts(tmp_path: Path) -> None:
-    """Though who told it is gone before it has read that."""
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    where = str(Path(ward.__file__).parent)
-    with Command("sleep 1000") as command:
-        told = f"watch {command.pid}\nfolder {folder}\n"
-        start = [sys.executable, "-I", "-S", "-c", LATE, where]
-        subprocess.run(start, input=told, text=True, check=True)
-        assert gone(command.pid)
     assert not folder.exists()
 
 
@@ -176,33 +149,6 @@ def test_a_command_that_cannot_be_started_is_one_line(command: str, line: str) -
     """As everywhere."""
     with pytest.raises(InputError, match=f"^{line}$"):
         Command(command)
-
-
-def test_nothing_is_left_of_a_command_whose_start_is_interrupted(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """While it is waited for its process id."""
-    begin, told = Command._begin, tmp_path / "pid"
-
-    def interrupted(self: Command, report: int) -> None:
-        begin(self, report)
-        told.write_text(str(self.pid))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Command, "_begin", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        Command("sleep 1000")
-    assert gone(int(told.read_text()))
-
-
-def test_a_command_can_be_interrupted() -> None:
-    """As from a terminal, also where this process was started with interrupts ignored."""
-    waits = "print('here'); import time; time.sleep(1000)"
-    with Command([sys.executable, "-c", waits]) as command:
-        command.says("here")
-        command.signal(signal.SIGINT)
-        command.says("^KeyboardInterrupt")
-        assert command.wait() == -signal.SIGINT
 
 
 def test_the_last_lines_of_a_command_are_kept() -> None:

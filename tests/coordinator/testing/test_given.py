@@ -12,7 +12,7 @@ import pytest
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+from cubepath.coordinator.testing.replaying import replay_into
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.run_under_test import Joiners
 from cubepath.coordinator.testing.strategies import faults, trial_of
@@ -45,23 +45,17 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: log().assert_same_run(NOTHING), "None: expected another Log"),
     (lambda: replay_into(NOTHING, print), "None: expected a Log"),
     (lambda: replay_into(log(), FIVE), "to=5: expected a function"),
-    (lambda: replay_into_node(log(), NOTHING), "node=None: expected a node"),
-    (lambda: Listener(NOTHING, "true"), "None: expected a Log"),
-    (lambda: Listener(log(), FIVE), "command=5: expected a text, or a program and its arguments"),
     (lambda: Command(NOTHING), "command=None: expected a text, or a program and its arguments"),
     (lambda: Command([FIVE]), "command=[5]: expected a text, or a program and its arguments"),
     (lambda: Command("echo 'a"), "command=echo 'a: No closing quotation"),
     (lambda: Joiners(FIVE, None, 1.0), "commands=5: expected a list, or names with commands"),
     (lambda: Joiners([FIVE], None, 1.0), "command=5: expected a text, or a program"),
     (lambda: Joiners([], FIVE, 1.0), "env=5: expected names with values"),
-    (
-        lambda: rule(action="dorp"),
-        "action=dorp: expected one of drop, delay, double, hold, reorder",
-    ),
+    (lambda: rule(action="dorp"), "action=dorp: expected one of drop, delay, double, hold"),
     (lambda: rule(pattern="said"), "pattern='said': expected a Pattern"),
     (lambda: rule(seed="x"), "seed='x': expected a whole number"),
-    (lambda: rule().wait(FIVE, NOTHING), "timeout_s=None: expected 0 to 3600"),
-    (lambda: rule().wait(NOTHING), "times=None: expected a whole number"),
+    (lambda: rule().wait(FIVE, NOTHING), "timeout_s=None: expected a number"),
+    (lambda: rule().wait(NOTHING), "times=None: expected 0 or more"),
     (lambda: LinkProxy("process_0", NOTHING), "endpoint=None: expected where the router is"),
     (lambda: trial(faults=[5]), "fault 5: expected one as fault('loss', 'process_0 up', 3)"),
     (lambda: trial(faults=5), "faults=5: expected a list of faults"),

@@ -1,38 +1,20 @@
-"""A recording replayed into the code under test: a function, a node, a process on a wire."""
+"""A recording replayed into the code under test: a function, or a rule."""
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 
 import pytest
 
-from cubepath.agents.processes.config import ProcessConfig
-from cubepath.agents.processes.node import HostNode
 from cubepath.coordinator.testing.fixtures import ReplayFixture
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.replaying import replay_into
-from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import belongs
-from cubepath.protocol.wire.messages import Reports, Said, decode
-from cubepath.protocol.wire.nodes import Put
+from cubepath.protocol.wire.messages import decode
 from processes.command_line import GOLDEN
 from samples.recordings import recorded
 
 pytestmark = pytest.mark.slow
-READER = """
-import sys, zenoh
-from queue import SimpleQueue
-came = SimpleQueue()
-settings = '{mode: "client", connect: {endpoints: ["' + sys.argv[1] + '"]}}'
-with zenoh.open(zenoh.Config.from_json5(settings)) as session:
-    session.declare_subscriber("cubepath/**", came.put)
-    print("it is of", sys.argv[2], flush=True)
-    for n in range(int(sys.argv[3])):
-        sample = came.get(timeout=30)
-        if n + 1 == int(sys.argv[3]):
-            print("last", str(sample.key_expr).split("/", 2)[2], flush=True)
-"""
 
 
 def test_a_function_is_called_with_each_message_in_order() -> None:
@@ -53,52 +35,6 @@ def test_a_free_recording_is_replayed_as_well(cubepath_replay: ReplayFixture) ->
     kinds = Counter(cubepath_replay.into(path, lambda seen: seen.key.split("/")[2]))
     log = RunLog.read(path)
     assert kinds["moved"] == log.count("moved") > 0
-
-
-def test_a_node_does_again_what_it_did(cubepath_replay: ReplayFixture) -> None:
-    """A process that hears all that was said on record says and reports the same again."""
-    recording = recorded("hex:n=4", "chain", processes=2, rounds=5)
-    log = RunLog(recording)
-    orders = ProcessConfig(
-        endpoint="",
-        run="replayed",
-        process=0,
-        modules=[0, 1],
-        processes=[[0, 1], [2, 3]],
-        scene="",
-        rule="chain",
-        seed=0,
-        hesitate=0.0,
-        note_length=0,
-    )
-    heard = cubepath_replay.into_node(
-        log, HostNode(orders, recording.scene), where=lambda seen: seen.sender != "process_0"
-    )
-    puts = [decode(each.data) for each in heard if isinstance(each, Put)]
-    due = [each.message for each in log.deliveries(sender="process_0")]
-    kinds = (Said, Reports)
-    assert [each for each in puts if isinstance(each, kinds)] == [
-        each for each in due if isinstance(each, kinds)
-    ]
-
-
-def test_a_process_hears_it_on_a_wire(cubepath_replay: ReplayFixture) -> None:
-    """It is waited for until it listens, so that it misses nothing."""
-    log = RunLog.read(GOLDEN / "agv-3.mcap")
-    count = sum(log.count(kind) for kind in ("said", "reports"))
-    command = [sys.executable, "-c", READER, "{endpoint}", "{run}", str(count)]
-    found = cubepath_replay.to(log, command)
-    assert found.replayed.same
-    assert found.command.says("it is of (.*)")[1] == found.replayed.run
-    assert found.command.says(r"last (\w+)/")[1] == "reports"
-    assert found.command.wait() == 0
-
-
-def test_a_process_that_does_not_listen_is_told(cubepath_replay: ReplayFixture) -> None:
-    """With what it said instead."""
-    command = [sys.executable, "-c", "print('busy')"]
-    with pytest.raises(CheckError, match=r"listens to the run: it ended before; stdout: busy"):
-        cubepath_replay.to(GOLDEN / "agv-3.mcap", command)
 
 
 def test_live_modules_are_tried_against_a_log(cubepath_replay: ReplayFixture) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from fnmatch import fnmatch
 from functools import cache
@@ -45,7 +44,6 @@ ways = st.one_of(
     st.fixed_dictionaries({"parts": st.integers(1, 12)}),
     st.fixed_dictionaries({"rounds": st.integers(1, 30)}),
     st.fixed_dictionaries({"seconds": st.floats(0.01, 1.0)}),
-    st.fixed_dictionaries({"size": st.integers(60_000, 200_000)}),
 )
 
 
@@ -149,39 +147,6 @@ def test_filters_that_leave_nothing_out_between_them_make_the_recording() -> Non
     assert read_recording(again).parameters == whole.parameters
 
 
-@pytest.mark.thorough
-@settings(max_examples=15)
-@given(st.sampled_from(NAMES), st.integers(0, 2**20), st.floats(0.5, 1.0))
-def test_two_recorders_have_heard_one_run(name: str, late: int, share: float) -> None:
-    """Each lost some; together they have what either has, as often as the one with most."""
-    whole = list(golden(name).records)
-    cut = int(share * len(whole))
-    one = [each for number, each in enumerate(whole) if number < cut or number % 3]
-    other = [
-        Record(each.topic, each.data, each.round, each.wall_ns + late, each.sequence)
-        for number, each in enumerate(whole)
-        if number >= cut or number % 2
-    ]
-    if not one or not other:
-        return
-    paths = [written(golden(name), each) for each in (one, other)]
-    out = new_path()
-    merge_recordings(paths, out)
-    found = list(read_recording(out).records)
-    said = [(each.topic, each.data) for each in found]
-    mine = Counter((each.topic, each.data) for each in one)
-    theirs = Counter((each.topic, each.data) for each in other)
-    assert Counter(said) == mine | theirs
-    assert [each.sequence for each in found] == list(range(len(found)))
-    assert is_within([(each.topic, each.data) for each in one], said)
-
-
-def is_within(some: list[Any], all_of_them: list[Any]) -> bool:
-    """Return whether one list is the other with items left out."""
-    rest = iter(all_of_them)
-    return all(each in rest for each in some)
-
-
 def test_files_one_after_another_keep_what_is_said_twice() -> None:
     """Equal messages of files whose times do not overlap are different messages."""
     whole = list(golden("hex-free-5").records)
@@ -230,13 +195,13 @@ def test_other_runs_are_not_merged() -> None:
         else each
         for each in whole.records
     ]
-    with pytest.raises(InputError, match="another edges of round 3 than in"):
+    with pytest.raises(InputError, match="begins before"):
         merge_recordings([GOLDEN / "agv-3.mcap", written(whole, records)], out)
     late = [
         Record(each.topic, each.data, each.round, each.wall_ns + 10**12, 0)
         for each in whole.records
     ]
-    with pytest.raises(InputError, match="another edges of round 1 than in"):
+    with pytest.raises(InputError, match="edges of round 1 as in"):
         merge_recordings([written(whole, late), GOLDEN / "agv-3.mcap"], out)
     assert not out.exists()
 
@@ -247,7 +212,6 @@ def test_other_runs_are_not_merged() -> None:
         ({}, "expected one of parts, rounds"),
         ({"parts": 2, "rounds": 1}, "expected one of parts, rounds"),
         ({"parts": 9999}, "has 241 messages, expected at most so many parts, not 9999"),
-        ({"size": 1000}, "has no room for scene, parameters and message"),
     ],
 )
 def test_a_split_that_cannot_be_leaves_nothing(way: dict[str, Any], why: str) -> None:

@@ -1,6 +1,6 @@
 """Commands of others in processes of their own, that end with the test whatever happens.
 
-Each runs under a `ward`, which ends it with all that it has started.
+A guard ends them if the test's process is killed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import re
 import shlex
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -20,7 +19,6 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Any, Self
 
-from cubepath.coordinator.testing import ward
 from cubepath.coordinator.testing.wire_messages import short
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -32,58 +30,50 @@ LINES_MAX = 10_000
 LINE_BYTES_MAX = 1 << 13
 """A longer line is kept as several."""
 
-
-def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Popen[bytes], int]:
-    """Start a ward; return it and the descriptor at which it tells the process id of the command.
-
-    `options` are those of `subprocess.Popen`.
-    """
-    read, write = os.pipe()
-    try:
-        child: Any = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(Path(ward.__file__)), str(write), *command],
-            stdin=subprocess.PIPE,
-            pass_fds=(write,),
-            process_group=0,
-            **options,
-        )
-    except BaseException:
-        os.close(read)
-        raise
-    finally:
-        os.close(write)
-    return child, read
+_GUARD = """
+while read -r line && [ "$line" != over ]; do told="$told$line;"; done
+[ "$line" ] || eval "$told"
+"""
+"""A shell that hears what to run, and runs it unless it hears before its end that all is well."""
 
 
 class Guard:
-    """A ward without a command: it ends what it is told to watch if this process is killed."""
+    """A process that ends and removes what it is told to if this process is killed."""
 
     def __init__(self) -> None:
-        """Start it."""
-        self._ward, report = new_ward()
-        os.close(report)
+        """Start it, in a process group of its own, where no terminal interrupts it."""
+        self._shell = subprocess.Popen(
+            ["/bin/sh", "-c", _GUARD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            process_group=0,
+        )
 
     def watch(self, pid: int) -> None:
-        """Have a process killed if this one is; one that has stopped does not notice it itself."""
-        self._tell(f"watch {pid}")
+        """Have a process killed if this one is, or with ``-pid`` a process group.
+
+        One that has stopped does not notice it itself.
+        """
+        self._tell(f"kill -9 {pid}")
 
     def watch_folder(self, path: Path) -> None:
         """Have a folder removed as well."""
-        self._tell(f"folder {path}")
+        self._tell(f"rm -rf {shlex.quote(str(path))}")
 
     def _tell(self, line: str) -> None:
-        if self._ward.stdin is not None:
+        if self._shell.stdin is not None and not self._shell.stdin.closed:
             with contextlib.suppress(OSError):
-                self._ward.stdin.write(line.encode() + b"\n")
-                self._ward.stdin.flush()
+                self._shell.stdin.write(line.encode() + b"\n")
+                self._shell.stdin.flush()
 
     def close(self) -> None:
         """Tell it that all is well, and wait for its end."""
         self._tell("over")
-        if self._ward.stdin is not None:
+        if self._shell.stdin is not None:
             with contextlib.suppress(OSError):
-                self._ward.stdin.close()
-        _ended(self._ward, _END_S_MAX)
+                self._shell.stdin.close()
+        self._shell.wait()
 
 
 def check_command(command: object) -> list[str]:
@@ -120,7 +110,7 @@ class _Lines:
 
 
 class Command:
-    r"""A command in a process of its own, as a context manager that ends it.
+    r"""A command in a process of its own, as a context manager that ends its process group.
 
     Of what it writes the last 10,000 lines of each stream are kept, those of more than 8192 bytes
     as several.
@@ -149,34 +139,28 @@ class Command:
         self.name = name or Path(arguments[0]).name
         self._told = threading.Condition()
         self._lines = {"out": _Lines(), "err": _Lines()}
-        self._ward, report = new_ward(
-            arguments,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
-        )
-        self._readers: list[threading.Thread] = []
-        self.pid = 0
-        """The process id of the command itself."""
         try:
-            self._begin(report)
-        except BaseException:
-            self.close()
-            raise
-        if not self.pid:
-            self.close()
-            raise InputError(f"command: {short(self.err) or arguments[0]}")
-
-    def _begin(self, report: int) -> None:
-        """Read what it says, and wait for its process id."""
-        with os.fdopen(report) as told:
-            for kind, stream in (("out", self._ward.stdout), ("err", self._ward.stderr)):
-                reader = threading.Thread(target=self._read, args=(kind, stream), daemon=True)
-                reader.start()
-                self._readers.append(reader)
-            line = told.readline()
-        self.pid = int(line) if line else 0
+            self._process = subprocess.Popen(
+                arguments,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                process_group=0,
+                cwd=cwd,
+                env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
+            )
+        except OSError as error:
+            why = error.strerror or error
+            raise InputError(f"command: {arguments[0]}: {why}") from None
+        self.pid = self._process.pid
+        self._guard = Guard()
+        self._guard.watch(-self.pid)
+        self._readers = [
+            threading.Thread(target=self._read, args=(kind, stream), daemon=True)
+            for kind, stream in (("out", self._process.stdout), ("err", self._process.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
 
     def _read(self, kind: str, stream: IO[bytes]) -> None:
         with stream:
@@ -200,7 +184,7 @@ class Command:
     @property
     def returncode(self) -> int | None:
         """Return its exit code, or minus the signal that ended it; None as long as it runs."""
-        return self._ward.poll()
+        return self._process.poll()
 
     def signal(self, number: int = signal.SIGKILL) -> None:
         """Send a signal to it and what it has started in its process group."""
@@ -246,7 +230,7 @@ class Command:
     def wait(self, timeout_s: float = 30.0) -> int:
         """Wait for its end; return its exit code. CheckError if it does not end within the time."""
         try:
-            code = self._ward.wait(timeout_s)
+            code = self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             raise CheckError(
                 f"{self.name} did not end within {timeout_s:g} s; {self.told}"
@@ -256,11 +240,10 @@ class Command:
         return code
 
     def close(self) -> None:
-        """End it, with all that it has started."""
-        if self._ward.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._ward.stdin.close()
-        _ended(self._ward, _END_S_MAX)
+        """End it, with all that it has started in its process group."""
+        self.signal()
+        self._process.wait()
+        self._guard.close()
         for reader in self._readers:
             reader.join(_END_S_MAX)
 
@@ -271,15 +254,6 @@ class Command:
     def __exit__(self, *_: object) -> None:
         """End it."""
         self.close()
-
-
-def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
-    """Wait for the end of a ward, and kill it if it does not come."""
-    try:
-        child.wait(patience_s)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        child.wait()
 
 
 def lives(pid: int) -> bool:

@@ -5,29 +5,22 @@ The plugin imports this when a fixture is asked for.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from inspect import signature
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
 from cubepath.coordinator.runs.live import LiveReplay
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
-from cubepath.coordinator.testing.checks import check_name
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.replaying import (
-    Listener,
-    live_modules,
-    other_rule,
-    replay_into,
-    replay_into_node,
-)
+from cubepath.coordinator.testing.replaying import live_modules, other_rule, replay_into
 from cubepath.coordinator.testing.run_under_test import CommandLine, RunUnderTest
 from cubepath.coordinator.testing.strategies import TrialResult, trial_of
 from cubepath.coordinator.testing.wire_messages import WireMessage
-from cubepath.protocol.wire.nodes import Effect, Node
+from cubepath.protocol.core.given import known_name
 
 T = TypeVar("T")
 
@@ -35,24 +28,18 @@ T = TypeVar("T")
 class RecordingFolder:
     """Where the recordings of a test go."""
 
-    def __init__(self, folder: Path, prefix: str = "") -> None:
-        """Put them into a folder; their names begin with a prefix."""
+    def __init__(self, folder: Path) -> None:
+        """Put them into a folder."""
         self._folder = folder
-        self._prefix = re.sub(r"[^\w.-]+", "-", prefix).strip("-")
         self.all: list[Path] = []
 
     def new(self, name: str) -> Path:
         """Return a path that is not taken: ``run.mcap``, ``run-2.mcap``."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        stem = f"{self._prefix}-{name}" if self._prefix else name
-        number = 1
-        while (path := self._path(stem, number)).exists() or path in self.all:
-            number += 1
+        names = chain([name], (f"{name}-{number}" for number in count(2)))
+        paths = (self._folder / f"{each}.mcap" for each in names)
+        path = next(each for each in paths if not each.exists() and each not in self.all)
         self.all.append(path)
         return path
-
-    def _path(self, stem: str, number: int) -> Path:
-        return self._folder / f"{stem}{f'-{number}' if number > 1 else ''}.mcap"
 
 
 def marked(options: dict[str, Any]) -> dict[str, Any]:
@@ -60,7 +47,7 @@ def marked(options: dict[str, Any]) -> dict[str, Any]:
     takes = (signature(each).parameters for each in (RunUnderTest.__init__, Plan, trial_of))
     known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
     for name in options:
-        check_name("@pytest.mark.cubepath: ", name, sorted(known))
+        known_name("@pytest.mark.cubepath: ", name, sorted(known))
     return options
 
 
@@ -169,11 +156,10 @@ class ReplayFixture:
     """The fixture ``cubepath_replay``: puts a recording into the code under test."""
 
     def __init__(self, timeout_s: float, places: RecordingFolder) -> None:
-        """Wait so long for commands and for phases of runs unless told otherwise."""
+        """Wait so long for phases of runs unless told otherwise."""
         self._timeout_s = timeout_s
         self._places = places
         self._told: list[str] = []
-        self._resources = ExitStack()
 
     def into(
         self,
@@ -184,17 +170,6 @@ class ReplayFixture:
     ) -> list[T]:
         """Call a function with each message; as `replay_into`."""
         return replay_into(_log(log), to, what, **pattern)
-
-    def into_node(
-        self, log: RunLog | Path | str, node: Node, what: str = "", **pattern: Any
-    ) -> list[Effect]:
-        """Give each message to a node; as `replay_into_node`."""
-        return replay_into_node(_log(log), node, what, **pattern)
-
-    def to(self, log: RunLog | Path | str, command: CommandLine, **options: Any) -> Listener:
-        """Start a command, replay to it on a wire, and return both; as `Listener`."""
-        given: dict[str, Any] = {"timeout_s": self._timeout_s, **options}
-        return self._resources.enter_context(Listener(_log(log), command, **given))
 
     def live(
         self, log: RunLog | Path | str, modules: Iterable[int] | None = None, **options: Any
@@ -222,10 +197,6 @@ class ReplayFixture:
     def told(self) -> list[str]:
         """Return a line for each recording that was made."""
         return self._told
-
-    def close(self) -> None:
-        """End all commands."""
-        self._resources.close()
 
 
 def _log(log: RunLog | Path | str) -> RunLog:

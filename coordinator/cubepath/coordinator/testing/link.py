@@ -43,8 +43,6 @@ from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
 """So many messages wait in a direction at most."""
-_BEHIND_S_MAX = 1.0
-"""A message that others are to overtake waits for them no longer."""
 _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
 
@@ -94,7 +92,6 @@ class ProxyDirection:
         self._queue: SimpleQueue[_Item | None] = SimpleQueue()
         self._line: deque[tuple[float, _Item]] = deque()
         self._late: list[tuple[float, int, _Item]] = []
-        self._behind: list[tuple[int, float, _Item]] = []
         self._held: dict[int, tuple[Rule, deque[_Item]]] = {}
         self._waits: deque[_Item] = deque()
         self._number = count()
@@ -116,11 +113,6 @@ class ProxyDirection:
     def do(self, act: Callable[[], None]) -> None:
         """Take something that is no message."""
         self._queue.put(_Do(act))
-
-    def listens(self, key: str) -> bool:
-        """Return whether anyone at the other end listens to any key of an expression."""
-        with publisher(self._out, key) as asked:
-            return bool(cast("Any", asked.matching_status).matching)
 
     def wake(self) -> None:
         """Look again at what waits."""
@@ -147,22 +139,19 @@ class ProxyDirection:
                 item = None  # a question is over when nobody holds it
             self._carry_what_is_due()
             held = sum(len(each) for _, each in self._held.values())
-            self._inside = held + len(self._line) + len(self._late) + len(self._behind)
+            self._inside = held + len(self._line) + len(self._late)
 
     def _wait_s(self) -> float | None:
         """Return for how long nothing is due; None if nothing is before something comes."""
         if self.cut == "kept":
             return None  # whoever heals it, wakes it
-        due = [until for _, until, _ in self._behind]
-        due += [each[0][0] for each in (self._line, self._late) if each]
+        due = [each[0][0] for each in (self._line, self._late) if each]
         due += [rule.until for rule, _ in self._held.values() if rule.until is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _sort(self, item: _Item) -> None:
         """Let the rules decide on what has come, and put it where it waits for its time."""
         now = time.monotonic()
-        if isinstance(item, _Put):
-            self._behind = [(left - 1, until, each) for left, until, each in self._behind]
         fate = self._fate(item) if self.rules and isinstance(item, _Put) else None
         if fate is None:
             self._line.append((now, item))
@@ -172,8 +161,6 @@ class ProxyDirection:
         if fate.holder is not None:
             held = self._held.setdefault(id(fate.holder), (fate.holder, deque()))
             held[1].append(item)
-        elif fate.behind:
-            self._behind.append((fate.behind, now + _BEHIND_S_MAX, item))
         elif fate.late_s and fate.overtaken:
             self._later(now + fate.late_s, item)
         else:
@@ -217,12 +204,6 @@ class ProxyDirection:
             yield self._line.popleft()[1]
         while self._late and self._late[0][0] <= now:
             yield heapq.heappop(self._late)[2]
-        behind, self._behind = self._behind, []
-        for each in behind:
-            if each[0] > 0 and each[1] > now:
-                self._behind.append(each)
-            else:
-                yield each[2]
 
     def _carry(self, item: _Item) -> None:
         if self.cut == "lost":
@@ -367,10 +348,6 @@ class LinkProxy:
             )
 
         self.up.do(ask)
-
-    def listens(self, key: str) -> bool:
-        """Return whether the process listens to any key of an expression."""
-        return self.down.listens(key)
 
     def add(self, rule: Rule, directions: Iterable[Direction] = ("up", "down")) -> Rule:
         """Have a rule decide on the messages of these directions from now on; return it."""

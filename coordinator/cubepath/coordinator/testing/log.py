@@ -17,13 +17,13 @@ from cubepath.coordinator.auditing.playing import audit
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
-from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import known_name, whole_number
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision
@@ -167,7 +167,7 @@ class RunLog:
         self._check_module(found.module)
         if found.sender is not None and not _SPEAKER.fullmatch(found.sender):
             senders = {each.sender for each in self.all_deliveries}
-            check_name("sender=", found.sender, sorted(senders))
+            known_name("sender=", found.sender, sorted(senders))
         return [place for place, each in enumerate(self.all_deliveries) if found.holds(each)]
 
     # What was done.
@@ -194,9 +194,9 @@ class RunLog:
         """
         self._check_module(module)
         if round is not None:
-            check_whole("round", round)
+            whole_number("round", round, 0)
         if result is not None:
-            check_name("result=", result, get_args(Result))
+            known_name("result=", result, get_args(Result))
         found = self._attempts if self.free else self._claims
         return [
             each
@@ -206,17 +206,9 @@ class RunLog:
             and result in (None, each.result)
         ]
 
-    def grants(self, module: int | None = None) -> list[ClaimOutcome]:
-        """Return the claims that were granted."""
-        return self.claims(module, result="granted")
-
-    def losses(self, module: int | None = None) -> list[ClaimOutcome]:
-        """Return the claims that were lost."""
-        return self.claims(module, result="lost")
-
     def _check_module(self, module: object) -> None:
         if module is not None:
-            check_whole("module", module, 0, len(self.scene.start) - 1)
+            whole_number("module", module, 0, len(self.scene.start) - 1)
 
     def _parts(self, *kinds: type[Any]) -> Iterator[Any]:
         for seen in self.all_deliveries:
@@ -344,7 +336,7 @@ class RunLog:
         """
         __tracebackhide__ = True
         if not isinstance(expected, range):
-            check_whole("expected", expected)
+            whole_number("expected", expected, 0)
         found = self.count(what, **pattern)
         if isinstance(expected, range):
             holds, due = found in expected, f"{expected.start} to {expected.stop - 1}"
@@ -422,7 +414,7 @@ def pattern_of(what: What = "", **pattern: Any) -> Pattern:
     InputError for what is neither, and for other keys.
     """
     for key in pattern:
-        check_name("", key, Pattern.__slots__)
+        known_name("", key, Pattern.__slots__)
     if isinstance(what, Pattern):
         return replace(what, **pattern)
     if not isinstance(what, str):  # pyright: ignore[reportUnnecessaryIsInstance]

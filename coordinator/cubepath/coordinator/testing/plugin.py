@@ -10,9 +10,8 @@ import re
 import sys
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice, pairwise
-from pathlib import Path
-from traceback import format_exception
+from itertools import islice
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -34,7 +33,8 @@ _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 SEEDS_MAX = 100_000
 """A test is called no more often."""
 _OURS = re.compile(r"cubepath\.(protocol|agents|coordinator)\b|contextlib$")
-_PYTEST = re.compile(r"(_?pytest|pluggy)\b")
+_WHOLE = ("fulltrace", "usepdb")
+"""The options that show all frames."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -50,13 +50,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="SECONDS",
         help="how long runs under test are waited for, unless a test says otherwise (30)",
     )
-    group.addoption(
-        "--cubepath-logs",
-        metavar="DIR",
-        help="where recordings go, instead of the tmp_path of their tests",
-    )
-    parser.addini("cubepath_seeds", "as --cubepath-seeds", default="")
-    parser.addini("cubepath_timeout", "as --cubepath-timeout", default="")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -68,11 +61,6 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     _seeds_asked(config)
     _timeout_s(config)
-
-
-def _given(config: pytest.Config, name: str) -> str:
-    found = config.getoption(f"--cubepath-{name}")
-    return str(found if found is not None else config.getini(f"cubepath_{name}"))
 
 
 def seeds_in(text: str) -> list[int]:
@@ -115,12 +103,12 @@ def seeds_given(given: Any) -> list[int]:
 
 
 def _seeds_asked(config: pytest.Config) -> list[int]:
-    text = _given(config, "seeds")
+    text = config.getoption("--cubepath-seeds")
     return seeds_in(text) if text else []
 
 
 def _timeout_s(config: pytest.Config) -> float:
-    text = _given(config, "timeout")
+    text = config.getoption("--cubepath-timeout")
     try:
         seconds = float(text) if text else _TIMEOUT_S
     except ValueError:
@@ -133,13 +121,11 @@ def _timeout_s(config: pytest.Config) -> float:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Call a test that takes a seed once for each: of the command line, its marker, the ini."""
+    """Call a test that takes a seed once for each: of the command line, or its marker."""
     if SEED not in metafunc.fixturenames:
         return
-    asked = metafunc.config.getoption("--cubepath-seeds")
     marked = _marked_seeds(metafunc.definition)
-    seeds = seeds_in(asked) if asked else marked
-    chosen = list(_seeds_asked(metafunc.config) if seeds is None else seeds)
+    chosen = _seeds_asked(metafunc.config) or marked
     if chosen:
         metafunc.parametrize(SEED, chosen, indirect=True, ids=[f"seed{seed}" for seed in chosen])
 
@@ -160,39 +146,13 @@ def _marked_seeds(item: pytest.Item) -> list[int] | None:
         raise pytest.Collector.CollectError(f"{item.nodeid}: {error}") from None
 
 
-def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
-    """Take our frames from an error that is told in one line; return it if no frame is left.
-
-    What is wrong is in the test, and the line says what; ``--full-trace`` and ``--pdb`` show all
-    frames.
-    """
-    errors = sys.modules.get("cubepath.protocol.core.errors")
-    if errors is None or not isinstance(excinfo.value, errors.CubepathError):
-        return ""
-
-    if _keeps_theirs(excinfo.value):
-        return ""
-    cause = excinfo.value.__cause__
-    told = [] if cause is None or cause.__traceback__ is None else format_exception(cause)
-    return "".join([*told, f"{excinfo.typename}: {excinfo.value}"])
-
-
-def _keeps_theirs(error: BaseException) -> bool:
-    """Take our frames from an error and what it came of; return whether the test's are in it."""
-    if error.__cause__ is not None:
-        _keeps_theirs(error.__cause__)
-    found, left, theirs = error.__traceback__, [], False
-    while found is not None:
-        module = str(found.tb_frame.f_globals.get("__name__", ""))
-        if not _OURS.match(module):
-            left.append(found)
-            theirs = theirs or not _PYTEST.match(module)
+def _without_our_frames(found: TracebackType | None) -> TracebackType | None:
+    """Take our frames out of a traceback, which begins with one of pytest's."""
+    while found is not None and _OURS.match(str(found.tb_frame.f_globals.get("__name__", ""))):
         found = found.tb_next
-    for one, after in pairwise([*left, None]):
-        if one is not None:
-            one.tb_next = after
-    error.__traceback__ = left[0] if left else None
-    return theirs
+    if found is not None:
+        found.tb_next = _without_our_frames(found.tb_next)
+    return found
 
 
 @pytest.hookimpl(wrapper=True)
@@ -200,12 +160,14 @@ def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[Any]
 ) -> Generator[None, Any, Any]:
     """Name the recordings of a test that failed, and show what is wrong without our frames."""
-    options = ("fulltrace", "usepdb")
-    whole = call.excinfo is None or any(item.config.getoption(each, False) for each in options)
-    line = "" if whole or call.excinfo is None else _in_a_line(call.excinfo)
+    errors: Any = sys.modules.get("cubepath.protocol.core.errors")
+    excinfo, whole = call.excinfo, any(item.config.getoption(each, False) for each in _WHOLE)
+    told = () if errors is None or whole else (errors.CubepathError,)
+    if excinfo is not None and isinstance(excinfo.value, told):
+        # What is wrong is in the test, and the line says what.
+        _without_our_frames(excinfo.value.__traceback__)
     report = yield
     if report.failed:
-        report.longrepr = line or report.longrepr
         lines = [line for teller in item.stash.get(_TOLD, []) for line in teller.told()]
         if lines:
             text = "\n".join(
@@ -225,9 +187,6 @@ def cubepath_seed(request: pytest.FixtureRequest) -> int:
 def _cubepath_places(request: pytest.FixtureRequest) -> RecordingFolder:
     from cubepath.coordinator.testing.fixtures import RecordingFolder  # noqa: PLC0415 - only when asked for
 
-    logs = request.config.getoption("--cubepath-logs")
-    if logs:
-        return RecordingFolder(Path(logs), request.node.nodeid)
     return RecordingFolder(request.getfixturevalue("tmp_path"))
 
 
@@ -277,13 +236,10 @@ def cubepath_simulate(
 @pytest.fixture
 def cubepath_replay(
     request: pytest.FixtureRequest, _cubepath_places: RecordingFolder
-) -> Iterator[ReplayFixture]:
-    """Return what puts a recording into the code under test: a function, a command, a rule."""
+) -> ReplayFixture:
+    """Return what puts a recording into the code under test: a function, or a rule."""
     from cubepath.coordinator.testing.fixtures import ReplayFixture  # noqa: PLC0415 - as above
 
     found = ReplayFixture(_timeout_s(request.config), _cubepath_places)
     _tell(request, found)
-    try:
-        yield found
-    finally:
-        found.close()
+    return found

@@ -11,13 +11,13 @@ from contextlib import suppress
 from typing import TypeAlias
 
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.log import pattern_of
-from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Pattern
 from cubepath.coordinator.testing.wire import PlannedFault, Wire
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.given import known_name, seconds as seconds_of, whole_number
 from cubepath.protocol.wire.credentials import COORDINATOR
 
 _MODULE = re.compile(r"module_(\d+)")
@@ -68,7 +68,7 @@ class ProcessFaults(Wire):
         """
         found = _MODULE.fullmatch(who) if isinstance(who, str) else None
         if isinstance(who, str) and found is None:
-            return check_name("", who, (*self._known, *self._speakers - self._known.keys()))
+            return known_name("", who, (*self._known, *self._speakers - self._known.keys()))
         module = int(found[1]) if found is not None else who
         self._check_module(module)
         for name, modules in self._modules.items():
@@ -82,12 +82,12 @@ class ProcessFaults(Wire):
 
     def _check_module(self, module: object) -> None:
         most = len(self.run.scene.start) - 1
-        if module is not None and check_whole("module", module) > most:
+        if module is not None and whole_number("module", module, 0) > most:
             raise InputError(f"module_{module}: expected module_0 to module_{most}")
 
     def _check_speaker(self, sender: str) -> None:
         known = {*self._known, *self._speakers, COORDINATOR} - {"router"}
-        check_name("sender=", sender, sorted(known))
+        known_name("sender=", sender, sorted(known))
 
     def _is_region(self, name: str) -> bool:
         scene = self.run.scene
@@ -117,7 +117,7 @@ class ProcessFaults(Wire):
         """
         name = self.name_of(who)
         if seconds is not None:
-            check_seconds("seconds", seconds)
+            seconds_of("seconds", seconds, SECONDS_MAX)
 
         def act() -> None:
             pid = self._pid(name)
@@ -169,7 +169,7 @@ class ProcessFaults(Wire):
         """
         link = self.link_of(self.name_of(who))
         if seconds is not None:
-            check_seconds("seconds", seconds)
+            seconds_of("seconds", seconds, SECONDS_MAX)
 
         def act() -> None:
             self._cancel("heal", link.name)
@@ -201,7 +201,7 @@ class ProcessFaults(Wire):
             now.do()
             return now
         if isinstance(at, int):
-            check_whole("at", at)
+            whole_number("at", at, 0)
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
         return self._plan(pattern_of(at).holds, act)
 

@@ -1,26 +1,19 @@
-"""Recordings replayed into the code under test: a function, a node, a process, a rule."""
+"""Recordings replayed into the code under test: a function, or a rule."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
-from cubepath.coordinator.playback.comparing import ReplayResult
-from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
-from cubepath.coordinator.testing.commands import Command, check_command
-from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.given import function
 from cubepath.protocol.wire.free_messages import free_key
 from cubepath.protocol.wire.keys import key_of
-from cubepath.protocol.wire.nodes import Effect, Node
 
 T = TypeVar("T")
 RUN = "replayed"
@@ -44,24 +37,6 @@ def replay_into(
         for each in log.all_deliveries
         if each.kind not in RESULTS and meant.holds(each)
     ]
-
-
-def replay_into_node(
-    log: RunLog, node: Node, what: What = "", *, run: str = RUN, **pattern: Any
-) -> list[Effect]:
-    """Start a node and give it each message of a log; return its effects, in their order.
-
-    The rest is as for `replay_into`. The node's timers are not waited for.
-    """
-    if not all(callable(getattr(node, name, None)) for name in ("start", "receive")):
-        raise InputError(f"node={node!r}: expected a node")
-    found = list(node.start())
-
-    def give(seen: WireMessage) -> None:
-        found.extend(node.receive(seen.key, seen.data))
-
-    replay_into(log, give, what, run=run, **pattern)
-    return found
 
 
 def _check_log(log: object) -> None:
@@ -126,80 +101,3 @@ def other_rule(
         found = f"it ended: {outcome.ended}" if failing else outcome.error
         raise AssertionError(f"rule {rule} from round {from_round} on: {found}")
     return RunLog(outcome.recording())
-
-
-class Listener:
-    """A command of others to which a recording was replayed on a wire, as a context manager.
-
-    The command is started first. The replay begins when it listens to something of the run, and is
-    over when this was made; what the command does then is for the test to ask.
-    """
-
-    def __init__(
-        self,
-        log: RunLog,
-        command: str | Sequence[str],
-        *,
-        timeout_s: float = 30.0,
-        kinds: Collection[str] | None = None,
-        rate: float | None = None,
-        env: Mapping[str, str] | None = None,
-    ) -> None:
-        """Replay the messages of modules, of these kinds, at so many rounds a second.
-
-        ``{endpoint}`` in the command is where it listens, ``{run}`` the name of the run; they are
-        in ``CUBEPATH_ENDPOINT`` and ``CUBEPATH_RUN`` too. CheckError if it ends before it listens,
-        or does not within the time; otherwise as `cubepath.coordinator.replay`.
-        """
-        _check_log(log)
-        check_command(command)
-        self._resources = ExitStack()
-        self._command: Command | None = None
-
-        def announce(endpoint: str, run: str) -> None:
-            link = self._resources.enter_context(LinkProxy("listener", endpoint))
-
-            def filled(text: str) -> str:
-                return text.replace("{endpoint}", link.endpoint).replace("{run}", run)
-
-            line = filled(command) if isinstance(command, str) else list(map(filled, command))
-            own = {"CUBEPATH_ENDPOINT": link.endpoint, "CUBEPATH_RUN": run, **(env or {})}
-            self._command = self._resources.enter_context(Command(line, env=own))
-            _wait_until_it_listens(self._command, link, run, timeout_s)
-
-        try:
-            self.replayed: ReplayResult = replay(
-                log.recording, rate=rate, kinds=kinds, endpoint="tcp/127.0.0.1:0", announce=announce
-            )
-        except BaseException:
-            self.close()
-            raise
-
-    @property
-    def command(self) -> Command:
-        """Return the command."""
-        if self._command is None:
-            raise CheckError("the command has not been started")
-        return self._command
-
-    def close(self) -> None:
-        """End the command."""
-        self._resources.close()
-
-    def __enter__(self) -> Self:
-        """Return the listener."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the command."""
-        self.close()
-
-
-def _wait_until_it_listens(command: Command, link: LinkProxy, run: str, timeout_s: float) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not link.listens(f"cubepath/{run}/**"):
-        over = command.returncode is not None
-        if over or time.monotonic() > deadline:
-            why = "ended before" if over else f"did not within {timeout_s:g} s"
-            raise CheckError(f"{command.name} listens to the run: it {why}; {command.told}")
-        time.sleep(_POLL_S)

@@ -1,4 +1,4 @@
-"""Rules of a faulty network: which messages are lost, late, doubled, held back or overtaken.
+"""Rules of a faulty network: which messages are lost, late, doubled or held back.
 
 A rule says nothing of time of arrival where it can be helped: with a probability it is the bytes of
 a message and the seed that decide, so the same messages are lost in every run.
@@ -14,17 +14,23 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
-from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.core.given import (
+    known_name,
+    real_number,
+    seconds as seconds_of,
+    whole_number,
+)
 from cubepath.protocol.wire.keys import topic_in_key
 
-Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
+Action: TypeAlias = Literal["drop", "delay", "double", "hold"]
 Direction: TypeAlias = Literal["up", "down"]
 """From the process to the router, or from the router to the process."""
 PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
+SECONDS_MAX = 3600.0
+"""No message is late for longer, nor is anything waited for."""
 KEPT = 1000
 """So many messages that it met last a rule remembers."""
 COPIES_MAX = 1 << 18
@@ -51,13 +57,13 @@ class Pattern:
     def __post_init__(self) -> None:
         """Check what is given; InputError tells what was expected, with the nearest name."""
         if self.kind is not None and self.kind not in KNOWN:
-            check_name("kind=", self.kind, sorted(KNOWN))
+            known_name("kind=", self.kind, sorted(KNOWN))
         if self.phase is not None:
-            check_name("phase=", self.phase, PHASES)
+            known_name("phase=", self.phase, PHASES)
         if self.round is not None and not isinstance(self.round, range):
-            check_whole("round", self.round)
+            whole_number("round", self.round, 0)
         if self.module is not None:
-            check_whole("module", self.module)
+            whole_number("module", self.module, 0)
         for name, who in (("sender", self.sender), ("to", self.to)):
             sound = who is None or isinstance(who, str)  # pyright: ignore[reportUnnecessaryIsInstance]
             if not sound or who == "":
@@ -112,8 +118,7 @@ class Rule:
 
     It passes over the first `after` of them, then meets `times` of them at most, each with a
     `probability`. `seconds` are by how much a message is late, or its second copy; a rule that
-    holds messages back stops so long after the first of them, with 0 never. `by` is how many later
-    ones overtake a message.
+    holds messages back stops so long after the first of them, with 0 never.
     """
 
     action: Action
@@ -123,7 +128,6 @@ class Rule:
     probability: float = 1.0
     seed: int = 0
     seconds: float = 0.0
-    by: int = 1
     overtaken: bool = False
     """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
     told: frozenset[str] = frozenset()
@@ -141,17 +145,16 @@ class Rule:
 
     def __post_init__(self) -> None:
         """Check the numbers; InputError names the one that is out of bounds."""
-        check_name("action=", self.action, get_args(Action))
+        known_name("action=", self.action, get_args(Action))
         if not isinstance(self.pattern, Pattern):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"pattern={self.pattern!r}: expected a Pattern")
         whole_number("seed", self.seed)
         if self.times is not None:
-            check_whole("times", self.times, 1)
-        check_whole("after", self.after)
-        if not (is_number(self.probability) and 0.0 < self.probability <= 1.0):
+            whole_number("times", self.times, 1)
+        whole_number("after", self.after, 0)
+        if not 0.0 < real_number("probability", self.probability) <= 1.0:
             raise InputError(f"probability={self.probability}: expected more than 0, at most 1")
-        check_seconds("seconds", self.seconds)
-        check_whole("by", self.by, 1)
+        seconds_of("seconds", self.seconds, SECONDS_MAX)
 
     def meets(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether it meets a message that comes by, and count it."""
@@ -203,8 +206,8 @@ class Rule:
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
         """Wait until it has met so many messages; CheckError if it does not within the time."""
-        check_whole("times", times)
-        deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
+        whole_number("times", times, 0)
+        deadline = time.monotonic() + seconds_of("timeout_s", timeout_s, SECONDS_MAX)
         with self._changed:
             while self.count < times:
                 if not self._changed.wait(max(0.0, deadline - time.monotonic())):
@@ -232,7 +235,6 @@ class Fate:
     copies: list[float] = field(default_factory=list)
     """By how much each further copy is later."""
     holder: Rule | None = None
-    behind: int = 0
 
 
 def fate_of(rules: list[Rule], seen: WireMessage, receiver: str = "") -> Fate | None:
@@ -256,6 +258,4 @@ def fate_of(rules: list[Rule], seen: WireMessage, receiver: str = "") -> Fate | 
                 fate.copies.append(rule.seconds)
             case "hold":
                 fate.holder = fate.holder or rule
-            case "reorder":
-                fate.behind += rule.by
     return fate

@@ -24,13 +24,12 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.process_faults import ProcessFaults, Who
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.given import seconds, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
@@ -280,7 +279,7 @@ class RunUnderTest(ProcessFaults):
     def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
         """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
         __tracebackhide__ = True
-        check_whole("count", count)
+        whole_number("count", count, 0)
         enough = (self.run.status.moves if self.free else self.run.round) + count
         self.until(
             lambda rig: (rig.moves if rig.free else rig.round) >= enough, timeout_s=timeout_s
@@ -313,13 +312,13 @@ class RunUnderTest(ProcessFaults):
     def until_round(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until a round is over, or a level is reached."""
         __tracebackhide__ = True
-        check_whole("until_round", number)
+        whole_number("until_round", number, 0)
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until there are so many moves in all."""
         __tracebackhide__ = True
-        check_whole("until_moves", number)
+        whole_number("until_moves", number, 0)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
 
     def until_goal(self, *, timeout_s: float | None = None) -> None:

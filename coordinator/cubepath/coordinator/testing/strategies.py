@@ -28,11 +28,11 @@ from cubepath.coordinator.simulation.faults import (
 from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
-from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import RunLog
+from cubepath.coordinator.testing.rules import SECONDS_MAX
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.core.given import known_name, seconds as seconds_of, whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR
 
@@ -155,9 +155,9 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
     that message. InputError for what is no fault of either clock.
     """
     if kind not in KINDS:
-        check_name("fault ", kind, FREE_KINDS)
-    check_whole("nth", nth)
-    check_seconds("seconds", seconds)
+        known_name("fault ", kind, FREE_KINDS)
+    whole_number("nth", nth, 0)
+    seconds_of("seconds", seconds, SECONDS_MAX)
     if not isinstance(where, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"fault {kind} at {where}: expected a name, as process_0")
     return Fault(where, nth, kind, round(seconds * SECOND_US))
@@ -190,11 +190,11 @@ def _check(fault: Fault, clock: Clock, processes: int, keepers: int) -> None:
         raise InputError(f"fault {fault}: expected one as fault('loss', 'process_0 up', 3)")
     kind, where = fault.kind, fault.where
     if kind not in (known := FREE_KINDS if clock == "free" else KINDS):
-        check_name("fault ", kind, known)
+        known_name("fault ", kind, known)
     there = places(kind, clock, processes, keepers)
     if where not in there and there == [ROUTER]:
         raise InputError(f"fault {kind} at {where}: expected it at {ROUTER}")
-    check_name(f"fault {kind} at ", where, there)
+    known_name(f"fault {kind} at ", where, there)
     if kind in _LASTING and fault.amount_us <= 0:
         raise InputError(f"fault {kind} at {where}: seconds=0, expected more")
 

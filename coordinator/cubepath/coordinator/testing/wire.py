@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.testing.checks import check_name, check_seconds
 from cubepath.coordinator.testing.commands import Guard
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import What, pattern_of
-from cubepath.coordinator.testing.rules import Action, Pattern, Rule
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.given import known_name, seconds as seconds_of
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
 
 _OF_RULES = ("times", "after", "probability", "seed")
@@ -23,7 +23,6 @@ _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
     "delay": ("seconds", "overtaken"),
     "double": ("seconds",),
     "hold": ("seconds",),
-    "reorder": ("by",),
 }
 """What else each kind of rule is told."""
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
@@ -83,7 +82,7 @@ class Wire:
     def check_links(self, known: Collection[str]) -> None:
         """Check that there is a process for each link that was asked for; InputError if not."""
         for name in () if isinstance(self._wanted, bool) else self._wanted:
-            check_name("links: ", name, known)
+            known_name("links: ", name, known)
 
     def link_of(self, name: str) -> LinkProxy:
         """Return the link of a process; InputError if it has none."""
@@ -120,21 +119,17 @@ class Wire:
         With `seconds` it is released by itself, so long after the first message that it holds.
         """
         if seconds is not None:
-            if check_seconds("seconds", seconds) == 0:
+            if seconds_of("seconds", seconds, SECONDS_MAX) == 0:
                 raise InputError("seconds=0: expected more than 0, or rule.release()")
             options["seconds"] = seconds
         return self._rule("hold", what, options)
-
-    def reorder(self, what: What = "", *, by: int = 1, **options: Any) -> Rule:
-        """Have messages overtaken by so many that come after them. Keys as `drop`."""
-        return self._rule("reorder", what, options | {"by": by})
 
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
         own = (*_OF_RULES, *_OF_ACTIONS.get(action, ()))
         ours = {key: options.pop(key) for key in own if key in options}
         strange = options.keys() - set(Pattern.__slots__)
         if strange:
-            check_name("", min(strange), (*Pattern.__slots__, *own))
+            known_name("", min(strange), (*Pattern.__slots__, *own))
         for key in options.keys() & {"sender", "to"}:
             options[key] = self._named(options[key])
         pattern = pattern_of(what, **options)

@@ -87,22 +87,6 @@ class McapAppender:
         """Return the bytes that were written, without those of the open chunk."""
         return self._offset
 
-    def size_with(self, more: int) -> int:
-        """Return the most bytes of the file if it ends after one more message of this size."""
-        open_chunk = self._size + more + _MESSAGE.size
-        entries = sum(map(len, self._indices.values())) // 2 + 1
-        known = sum(map(len, self._schemas)) + sum(map(len, self._channels))
-        return (
-            self._offset
-            + open_chunk
-            + open_chunk // 128  # what cannot be compressed grows by less
-            + 16 * entries
-            + (_INDEX.size + 30) * (len(self._channels) + 1)
-            + known
-            + len(self._chunk_indices)
-            + 256 * (len(self._attachments) + len(self._metadata) + 4)
-        )
-
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; return its number."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)

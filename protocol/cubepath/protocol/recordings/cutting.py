@@ -3,25 +3,21 @@
 Messages keep their bytes, their times and their numbers, by which `merge_recordings` puts them
 together again. What is cut says so in its parameters.
 
-Recordings of one run put together: parts of one file, or what several recorders have heard.
+Recordings of one run put together: parts of one file, or files written one after another.
 
-`merge_recordings` says what counts as the same message, and in what order all are.
+`merge_recordings` says in what order their messages are.
 """
 
 from __future__ import annotations
 
 import contextlib
 import heapq
-from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cached_property
-from hashlib import blake2b
-from itertools import chain
-from math import ceil
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
@@ -31,11 +27,6 @@ from cubepath.protocol.recordings.recording import Recording, read_undamaged
 from cubepath.protocol.recordings.stored_messages import Record, told_round
 from cubepath.protocol.recordings.writing import RecordingWriter, refuse_existing
 from cubepath.protocol.scenes.toml import scene_to_toml
-
-if TYPE_CHECKING:
-    from cubepath.protocol.recordings.recording import Recording
-    from cubepath.protocol.recordings.stored_messages import Record
-
 
 SPLIT, FILTERED, WHOLE = "split", "filtered", "whole_messages"
 """Parameters of what was cut from a recording: which part it is, what was taken, and how many
@@ -207,13 +198,12 @@ def split_recording(
     parts: int | None = None,
     rounds: int | None = None,
     seconds: float | None = None,
-    size: int | None = None,
 ) -> tuple[Path, ...]:
     """Split a recording into files of a folder, ``NAME-000.mcap`` and so on; return their paths.
 
     Each has a stretch of the messages, in order: `parts` of about the same number of messages;
-    or so many `rounds` (or levels) each; or `seconds` of the wall clock; or at most `size` bytes
-    as files. Exactly one of these is given. Each part says in its parameters which it is.
+    or so many `rounds` (or levels) each; or `seconds` of the wall clock. Exactly one of these is
+    given. Each part says in its parameters which it is.
     InputError if the source is damaged, if there would be more than 1000 parts, or if a file
     exists or cannot be written; then no part is left behind.
 
@@ -221,10 +211,10 @@ def split_recording(
     ['hex-5-000.mcap', 'hex-5-001.mcap', 'hex-5-002.mcap']
     """
     recording, folder = read_undamaged(source), Path(folder)
-    given = [each for each in (parts, rounds, seconds, size) if each is not None]
+    given = [each for each in (parts, rounds, seconds) if each is not None]
     if len(given) != 1 or not given[0] > 0:
-        raise InputError("split: expected one of parts, rounds, seconds and size, more than 0")
-    begins = _beginnings(recording, parts, rounds, seconds, size)
+        raise InputError("split: expected one of parts, rounds and seconds, more than 0")
+    begins = _beginnings(recording, parts, rounds, seconds or 0.0)
     stem = recording.path.name.removesuffix(".mcap")
     made: list[Path] = []
     records: Iterator[Record] = iter(recording.records)
@@ -264,11 +254,7 @@ def _fill(
 
 
 def _beginnings(
-    recording: Recording,
-    parts: int | None,
-    rounds: int | None,
-    seconds: float | None,
-    size: int | None,
+    recording: Recording, parts: int | None, rounds: int | None, seconds: float
 ) -> _Begins:
     if parts is not None:
         count = len(recording.records)
@@ -286,21 +272,7 @@ def _beginnings(
             )
         # What comes before the first round belongs to it.
         return _Span(rounds, lambda record: max(record.round, 1))
-    if seconds is not None:
-        return _Span(max(1, int(seconds * _NS)), lambda record: record.wall_ns)
-    return lambda writer, record: _is_full(recording, writer, record, size or 0)
-
-
-def _is_full(recording: Recording, writer: RecordingWriter, record: Record, size: int) -> bool:
-    full = writer.size_with(record.topic, len(record.data)) > size
-    if full and not writer.messages:
-        least = writer.size_with(record.topic, len(record.data))
-        raise InputError(
-            f"{recording.path}: a part of {size} bytes has no room for scene, parameters and"
-            f" message {record.sequence}: expected at least {least} bytes"
-            f" ({ceil(least / 1000) / 1000:g} MB)"
-        )
-    return full
+    return _Span(max(1, int(seconds * _NS)), lambda record: record.wall_ns)
 
 
 class _Share:
@@ -384,7 +356,6 @@ def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
         )
 
 
-_DIGEST_BYTES = 16
 _ATTACHED = "attached"
 _OF_A_FILE = ("part", _ATTACHED)
 """What a recorder from outside says of each of its files: its number, and its first whole round."""
@@ -397,15 +368,12 @@ def merge_recordings(sources: Sequence[Recording | Source], out: Path | str) -> 
     order of their numbers; a message that several parts have is written once. If nothing is missing
     then, the result has the messages and the parameters of the recording that they come from.
 
-    Recordings that number messages differently were made by several recorders, or one after
-    another. The messages are then in the order of the wall clock, those of each file in their own
-    order, and are numbered anew. Where the times of two files overlap, messages with the same topic
-    and the same bytes are the same message: the first of one file is that of the other, and so on.
-    It is taken from the file that begins first.
+    Recordings that number messages differently are files that a recorder wrote one after another:
+    they are put in the order of the wall clock, and their messages are numbered anew.
 
-    InputError if a file is damaged, if `out` exists or cannot be written, and if the recordings
-    are of different runs: scenes, schedules, formats and parameters have to be the same, and what
-    the coordinator says of a round has to be as well.
+    InputError if a file is damaged, if `out` exists or cannot be written, if files that do not
+    number alike overlap in time, and if the recordings are of different runs: scenes, schedules,
+    formats and parameters have to be the same.
 
     >>> parts = split_recording("logs/golden/hex-5.mcap", "thirds", parts=3)
     >>> merge_recordings(parts[::-1], "whole.mcap")
@@ -422,10 +390,8 @@ def merge_recordings(sources: Sequence[Recording | Source], out: Path | str) -> 
         refuse_source(recording, out)
     count = _numbered_alike(found)
     if count is None:
-        files = sorted(map(_Heard, found), key=lambda file: file.times)
-        _one_run(files)
         notes = {key: value for key, value in first.parameters.items() if key not in CUTS}
-        records: Iterable[Record] = _by_time(files)
+        records: Iterable[Record] = _one_after_another(found)
     else:
         notes = _notes(found, count)
         records = _by_number(found)
@@ -514,72 +480,34 @@ def _numbered_alike(found: Sequence[Recording]) -> int | None:
     return count
 
 
-@dataclass(frozen=True)
-class _Heard:
-    """What one recorder has heard."""
-
-    recording: Recording
-
-    @cached_property
-    def times(self) -> tuple[int, int]:
-        """Return the wall times of the first and the last message."""
-        counts = self.recording.counts()
-        return counts.first_wall_ns or 0, counts.last_wall_ns or 0
-
-    @cached_property
-    def messages(self) -> Counter[bytes]:
-        """Return how often each message is there, by a digest."""
-        return Counter(map(_digest, self.recording.records))
-
-    def overlaps(self, other: _Heard) -> bool:
-        """Return whether both were recording at some time."""
-        return self.times[0] <= other.times[1] and other.times[0] <= self.times[1]
+def _one_after_another(found: Sequence[Recording]) -> Iterator[Record]:
+    """Yield the messages of files in the order of the wall clock; InputError if two overlap."""
+    times = {id(each): _wall_times(each) for each in found}
+    files = sorted(found, key=lambda each: times[id(each)])
+    for one, other in pairwise(files):
+        if times[id(other)][0] < times[id(one)][1]:
+            raise InputError(
+                f"{other.path}: begins before {one.path} ends, and numbers messages differently:"
+                " expected files that one recorder wrote one after another"
+            )
+    _check_said_once(files)
+    everything = chain.from_iterable(each.records for each in files)
+    return (replace(record, sequence=number) for number, record in enumerate(everything))
 
 
-def _digest(record: Record) -> bytes:
-    said = blake2b(record.topic.encode(), digest_size=_DIGEST_BYTES)
-    said.update(b"\0")
-    said.update(record.data)
-    return said.digest()
-
-
-def _one_run(files: Sequence[_Heard]) -> None:
-    """Raise InputError if what the coordinator says of a round is not the same in all files."""
-    known: dict[tuple[str, int | None], tuple[_Heard, bytes]] = {}
+def _check_said_once(files: Sequence[Recording]) -> None:
+    """Raise InputError if the coordinator says the same of a round in two files."""
+    known: dict[tuple[str, int | None], Recording] = {}
     for file in files:
-        own: dict[tuple[str, int | None], tuple[_Heard, bytes]] = {}
-        for record in file.recording.of_kind("edges", "summary"):
-            # The log time of edges is another where they were written at the end.
-            key = record.kind, 0 if record.kind == "summary" else told_round(record.data)
-            before = known.get(key)
-            if before is not None and (before[1] != record.data or not file.overlaps(before[0])):
-                what = "summary" if record.kind == "summary" else f"edges of round {key[1]}"
-                raise InputError(
-                    f"{file.recording.path}: another {what} than in {before[0].recording.path}:"
-                    " expected recordings of one run"
-                )
-            own[key] = file, record.data
-        known |= own
+        for record in file.of_kind("edges", "summary"):
+            key = record.kind, told_round(record.data)
+            other = known.setdefault(key, file)
+            if other is not file:
+                what = "a summary" if record.kind == "summary" else f"edges of round {key[1]}"
+                raise InputError(f"{file.path}: {what} as in {other.path}: expected other parts")
 
 
-def _by_time(files: Sequence[_Heard]) -> Iterator[Record]:
-    """Yield the messages of several recorders in the order of the wall clock, each once."""
-    streams = [_new_in(file, files[:number]) for number, file in enumerate(files)]
-    merged = heapq.merge(*streams, key=lambda timed: timed[0])
-    for number, (_, record) in enumerate(merged):
-        yield replace(record, sequence=number)
-
-
-def _new_in(file: _Heard, before: Sequence[_Heard]) -> Iterator[tuple[int, Record]]:
-    """Yield the messages that no earlier file has, with wall times that never go back."""
-    others = [other.messages for other in before if file.overlaps(other)]
-    seen: Counter[bytes] = Counter()
-    latest = 0
-    for record in file.recording.records:
-        latest = max(latest, record.wall_ns)
-        if others:
-            said = _digest(record)
-            seen[said] += 1
-            if any(other[said] >= seen[said] for other in others):
-                continue
-        yield latest, record
+def _wall_times(recording: Recording) -> tuple[int, int]:
+    """Return the wall times of the first and the last message."""
+    counts = recording.counts()
+    return counts.first_wall_ns or 0, counts.last_wall_ns or 0

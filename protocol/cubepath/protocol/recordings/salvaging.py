@@ -5,7 +5,7 @@ happen to raise. Here records are split one by one, so only a damaged record its
 each chunk and attachment has a CRC, and so do the data section and the summary. If a length is
 damaged and the records after it cannot be found, the index in the summary tells where to continue;
 if that is lost as well, the bytes that follow are searched for a record whose CRC holds. Messages
-and attachments are returned only if a CRC covers them.
+are those in chunks, and like attachments returned only if a CRC covers them.
 
 What is found says where the chunks are, not what is in them: messages are unpacked when they are
 asked for, a chunk at a time, so that memory does not grow with the file. If the CRCs of a finished
@@ -62,15 +62,14 @@ class SalvagedMessage(NamedTuple):
 class Salvage:
     """What was found: `problems` is empty if nothing is missing.
 
-    `topics` maps channels to topics. Messages are those of `blocks` and then the `loose` ones, in
-    the order of the file; `gap` is the first error in the order of writing, if any.
+    `topics` maps channels to topics. Messages are those of `blocks`, in the order of the file;
+    `gap` is the first error in the order of writing, if any.
     """
 
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
     blocks: list[ChunkIndex] = field(default_factory=list)
-    loose: list[SalvagedMessage] = field(default_factory=list)
     messages: int = 0
     gap: str | None = None
     problems: list[str] = field(default_factory=list)
@@ -150,7 +149,8 @@ class _Scan:
         self._end = end_of(stored)
         self._chunks = 0
         self._span = ""
-        self._loose: list[Channel | SalvagedMessage] = []
+        self._outside = 0
+        """The number of messages and channels outside of chunks."""
         self._ended = False
         self._sets: Sets = {}
 
@@ -266,10 +266,8 @@ class _Scan:
                 self.found.attachments.append(_attachment(body))
             case Opcode.METADATA:
                 self.found.metadata.append(Metadata.read(stream))
-            case Opcode.CHANNEL:
-                self._loose.append(Channel.read(stream))
-            case Opcode.MESSAGE:
-                self._loose.append(_message(body))
+            case Opcode.CHANNEL | Opcode.MESSAGE:
+                self._outside += 1
             case _:
                 crc = CRC.unpack(body)[0]
                 self._ended = True
@@ -279,17 +277,14 @@ class _Scan:
         # Its head has no CRC of its own: this only tells users what may be lost.
         self._span = f" (log times {chunk.message_start_time} to {chunk.message_end_time})"
         channels, messages = _unpacked(chunk)
-        self._name(channels)
+        for channel in channels:
+            self.found.topics[channel.id] = channel.topic
         self._count(messages)
         if messages:
             rounds = [message.round for message in messages]
             topics = {self.found.topics.get(message.channel, "") for message in messages}
             kinds = shared(self._sets, map(kind_in, topics))
             self.found.blocks.append(ChunkIndex(offset, length, min(rounds), max(rounds), kinds))
-
-    def _name(self, channels: Iterable[Channel]) -> None:
-        for channel in channels:
-            self.found.topics[channel.id] = channel.topic
 
     def _count(self, messages: Iterable[SalvagedMessage]) -> None:
         found = self.found
@@ -304,14 +299,8 @@ class _Scan:
         holds = not crc or self._stored.crc(offset) == crc
         if not holds and not found.problems:
             found.problems.append("corrupt: the CRC of the data section does not hold")
-        if holds and crc:
-            self._name(each for each in self._loose if isinstance(each, Channel))
-            found.loose = [each for each in self._loose if isinstance(each, SalvagedMessage)]
-            self._count(found.loose)
-        elif self._loose:
-            found.problems.append(
-                f"{len(self._loose)} records stand outside chunks, and nothing vouches for them"
-            )
+        if self._outside:
+            found.problems.append(f"{self._outside} records stand outside chunks, and are not read")
 
     def _tail(self, offset: int) -> str:
         """Return what is wrong after the data section, once all messages have been read."""

@@ -116,14 +116,10 @@ class StoredRecords(Sequence[Record]):
         self._by_wall = by_wall
         """Whether log times are the wall clock, in a run with rounds."""
         self._chunks = found.blocks
-        self._loose = found.loose
-        if by_wall:
-            self._loose = [each._replace(round=round_in(each)) for each in found.loose]
         self._topics = found.topics
         self.lost = 0
         """The number of messages whose topic is lost."""
-        named = found.topics.keys() >= {message.channel for message in found.loose}
-        if not named or any("" in block.kinds for block in found.blocks):
+        if any("" in block.kinds for block in found.blocks):
             self.lost = found.messages - sum(1 for _ in self)
         self._count = found.messages - self.lost
 
@@ -170,28 +166,23 @@ class StoredRecords(Sequence[Record]):
         """The topics of the messages."""
         if self.lost or any("" in block.kinds for block in self._chunks):
             return frozenset(record.topic for record in self)
-        loose = {record.topic for record in self._named(self._loose)}
-        return frozenset({*loose, *self._topics.values()})
+        return frozenset(self._topics.values())
 
     def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
         """Yield messages, each time with the least round of those to come."""
-        rounds = [message.round for message in self._loose]
-        least = [min(rounds, default=inf)]
+        least = [inf]
         for block in reversed(self._blocks):
             least.append(min(block.first_round, least[-1]))
         for block, ahead in zip(self._blocks, reversed(least[:-1]), strict=True):
             yield self._records(messages_in(self._stored, block)), ahead
-        yield self._named(self._loose), inf
 
     def chunks(self) -> list[RecordChunk]:
-        """Return the chunks of the file in order, those outside of chunks last."""
+        """Return the chunks of the file in order."""
 
         def reader(block: ChunkIndex) -> Callable[[], Sequence[Record]]:
             return lambda: tuple(self._records(messages_in(self._stored, block)))
 
-        found = [RecordChunk(*block[2:], reader(block)) for block in self._blocks]
-        loose = tuple(self._named(self._loose))
-        return [*found, chunk_of(loose)] if loose else found
+        return [RecordChunk(*block[2:], reader(block)) for block in self._blocks]
 
     def near(self, kinds: AbstractSet[str] | None, rounds: range | None) -> Iterator[Record]:
         """Yield the messages of all chunks that may hold some of these kinds and rounds."""
@@ -204,15 +195,11 @@ class StoredRecords(Sequence[Record]):
             ):
                 continue
             yield from self._records(messages_in(self._stored, block))
-        yield from self._named(self._loose)
 
     def _records(self, messages: Iterable[SalvagedMessage]) -> Iterator[Record]:
+        topics = self._topics
         if self._by_wall:
             messages = (each._replace(round=round_in(each)) for each in messages)
-        return self._named(messages)
-
-    def _named(self, messages: Iterable[SalvagedMessage]) -> Iterator[Record]:
-        topics = self._topics
         # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:
             topic = topics.get(channel) or topic_said(data)

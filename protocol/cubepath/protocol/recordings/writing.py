@@ -48,10 +48,6 @@ FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""
 CHUNK_BYTES = 1 << 18
 """And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
-_CHANNEL_BYTES = 64
-"""More than a channel or schema takes beside its texts; both stand in the summary once more."""
-_COUNTS_BYTES = 1 << 13
-"""More than the counts at the end take."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 
@@ -184,14 +180,6 @@ class RecordingWriter:
         schema = self._schema(topic.partition("/")[0])
         found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
         return found
-
-    def size_with(self, topic: str, size: int) -> int:
-        """Return the most bytes of the file if it ends after one more message of this size."""
-        new = 0 if topic in self._channels else len(topic) + _CHANNEL_BYTES
-        kind = topic.partition("/")[0]
-        if kind not in self._schemas:
-            new += len(msgspec.json.encode(schema_of(kind))) + _CHANNEL_BYTES
-        return self._writer.size_with(size + 2 * new) + _COUNTS_BYTES
 
     def _is_due(self) -> bool:
         """Return whether a message has waited for long, with the one that was just appended."""

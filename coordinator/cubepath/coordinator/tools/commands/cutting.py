@@ -12,8 +12,6 @@ from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.output_files import check_output_folder
 
-_MB = 1_000_000
-
 
 def add_log_filter(kept: argparse.ArgumentParser) -> None:
     """Add the options of ``log filter``."""
@@ -47,12 +45,6 @@ def add_log_split(split: argparse.ArgumentParser) -> None:
     seconds = number("a number above 0", lambda found: found > 0)
     ways.add_argument(
         "--seconds", type=seconds, metavar="S", help="S seconds of the wall clock in a part"
-    )
-    ways.add_argument(
-        "--size",
-        type=seconds,
-        metavar="MB",
-        help="at most MB megabytes (10^6 bytes) in a part, as a file",
     )
 
 
@@ -117,12 +109,7 @@ def _split(options: argparse.Namespace) -> int:
     check_output_folder(folder)
     with progress_bar(None, "split", ""):
         made = split_recording(
-            options.log,
-            folder,
-            parts=options.parts,
-            rounds=options.rounds,
-            seconds=options.seconds,
-            size=None if options.size is None else max(1, int(options.size * _MB)),
+            options.log, folder, parts=options.parts, rounds=options.rounds, seconds=options.seconds
         )
     first, *others = made
     last = f" to {others[-1].name}" if others else ""
