@@ -28,7 +28,6 @@ from cubepath.protocol.core.system import (
 )
 from cubepath.protocol.file_forms import read_plan as read_plan
 from cubepath.protocol.path_files.following import (
-    following_schemas as following_schemas,
     read_following as read_following,
     write_following as write_following,
 )
@@ -38,8 +37,6 @@ from cubepath.protocol.path_files.following_proofs import (
 )
 from cubepath.protocol.path_files.moves import (
     PathMove as PathMove,
-    cube_schema as cube_schema,
-    move_schemas as move_schemas,
     read_cubes as read_cubes,
     read_moves as read_moves,
     write_cubes as write_cubes,

@@ -1,4 +1,4 @@
-"""What a test does to the processes of a run: kills, pauses and cuts them off, when it says."""
+"""What a test does to a run: processes killed, paused and cut off, messages lost, when it says."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ import signal
 import threading
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
 
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.commands import Command
-from cubepath.coordinator.testing.log import pattern_of
-from cubepath.coordinator.testing.rules import SECONDS_MAX, Pattern
-from cubepath.coordinator.testing.wire import PlannedFault, Wire
+from cubepath.coordinator.testing.commands import Command, Guard
+from cubepath.coordinator.testing.link import LinkProxy
+from cubepath.coordinator.testing.log import What, pattern_of
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.given import known_name, seconds as seconds_of, whole_number
-from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
 
 _MODULE = re.compile(r"module_(\d+)")
 
@@ -28,15 +31,51 @@ Who: TypeAlias = "str | int"
 """A process by its name, or by the number of one of its modules."""
 
 
-class ProcessFaults(Wire):
-    """The processes of a run under test, ours and those of others, by their names."""
+_OF_RULES = ("times", "after", "probability", "seed")
+_OF_ACTIONS: dict[Action, tuple[str, ...]] = {
+    "delay": ("seconds", "overtaken"),
+    "double": ("seconds",),
+    "hold": ("seconds",),
+}
+"""What else each kind of rule is told."""
+_PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
+_REGION = re.compile(r"-?\d+(,-?\d+)*")
+
+
+@dataclass(slots=True, eq=False, repr=False)
+class PlannedFault:
+    """Something that happens now, or when a message comes; `at` is that message, once it has."""
+
+    pattern: Callable[[WireMessage], bool]
+    act: Callable[[], None]
+    at: WireMessage | None = None
+    done: bool = False
+
+    def do(self, at: WireMessage | None = None) -> None:
+        """Have it happen."""
+        self.at, self.done = at, True
+        self.act()
+
+    def __repr__(self) -> str:
+        """Return whether it has happened, and at which message."""
+        at = "" if self.at is None else f" at {self.at.kind} of {self.at.sender}"
+        return f"<planned: done{at}>" if self.done else "<planned: to come>"
+
+
+class ProcessFaults:
+    """The processes of a run under test, ours and those of others, with their links, by name."""
 
     run: Run
     commands: dict[str, Command]
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
-        """Do nothing to anyone yet."""
-        super().__init__(links=links)
+        """Put links before all processes, none, or those of these names; InputError for others."""
+        ill = not isinstance(links, bool | Collection)  # pyright: ignore[reportUnnecessaryIsInstance]
+        if ill or isinstance(links, str):
+            raise InputError(f"links={links!r}: expected True, False, or a list of processes")
+        self._wanted = links
+        self.links: dict[str, LinkProxy] = {}
+        self._guard: Guard | None = None
         self._planned: list[PlannedFault] = []
         self._wounded: set[str] = set()
         self._paused: dict[str, int] = {}
@@ -92,14 +131,125 @@ class ProcessFaults(Wire):
     def _is_region(self, name: str) -> bool:
         scene = self.run.scene
         regions = map(scene.system.region, (*scene.start, *(scene.goal or ())))
-        return super()._is_region(name) or name in regions
+        return _REGION.fullmatch(name) is not None or name in regions
 
     def _named(self, who: str | int | None) -> str | None:
         if who is None or (isinstance(who, str) and _MODULE.fullmatch(who) is None):
             return who
         return self.name_of(who)
 
-    # What is done to them.
+    # What happens to messages.
+
+    @property
+    def guard(self) -> Guard:
+        """Return what ends everything if this process is killed."""
+        if self._guard is None:
+            self._guard = Guard()
+        return self._guard
+
+    def way(self, name: str, endpoint: str, credentials: Credentials) -> tuple[str, Credentials]:
+        """Return where a process finds the router: at its link, if it is to have one."""
+        wanted = self._wanted
+        if name not in self.links and not (wanted if isinstance(wanted, bool) else name in wanted):
+            return endpoint, credentials
+        if name not in self.links:  # one that is started again has its link already
+            link = self.links[name] = LinkProxy(name, endpoint, credentials)
+            if is_private(link.endpoint):
+                self.guard.watch_folder(Path(link.endpoint.partition("/")[2]).parent)
+        return self.links[name].endpoint, credentials
+
+    def check_links(self, known: Collection[str]) -> None:
+        """Check that there is a process for each link that was asked for; InputError if not."""
+        for name in () if isinstance(self._wanted, bool) else self._wanted:
+            known_name("links: ", name, known)
+
+    def link_of(self, name: str) -> LinkProxy:
+        """Return the link of a process; InputError if it has none."""
+        for link in self.links.values():
+            if name in (link.name, link.speaks_as):
+                return link
+        told = ", ".join(self.links) or "none"
+        near = did_you_mean(name, self.links)
+        raise InputError(f"{name}: has no link, the processes that have one: {told}{near}")
+
+    def drop(self, what: What = "", **options: Any) -> Rule:
+        """Lose messages.
+
+        Which, say the keys of `Pattern`: `kind` (or `what`), `round`, `phase`, `module`, `sender`,
+        `to`, `where`. How many, say those of `Rule`: `times`, `after`, `probability` with a `seed`.
+        With `to` a message is lost on its way to that process, and others hear it; without, nobody
+        does. Of what the coordinator says each process has a copy of its own.
+
+        InputError for unknown kinds and keys, and processes without a link.
+        """
+        return self._rule("drop", what, options)
+
+    def delay(self, seconds: float, what: What = "", **options: Any) -> Rule:
+        """Have messages come later; those behind them wait, unless `overtaken`. Keys as `drop`."""
+        return self._rule("delay", what, options | {"seconds": seconds})
+
+    def double(self, what: What = "", *, seconds: float = 0.0, **options: Any) -> Rule:
+        """Have messages come twice, the second time so many seconds later. Keys as `drop`."""
+        return self._rule("double", what, options | {"seconds": seconds})
+
+    def hold(self, what: What = "", *, seconds: float | None = None, **options: Any) -> Rule:
+        """Hold messages back until the rule is released; others pass them. Keys as `drop`.
+
+        With `seconds` it is released by itself, so long after the first message that it holds.
+        """
+        if seconds is not None:
+            if seconds_of("seconds", seconds, SECONDS_MAX) == 0:
+                raise InputError("seconds=0: expected more than 0, or rule.release()")
+            options["seconds"] = seconds
+        return self._rule("hold", what, options)
+
+    def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
+        own = (*_OF_RULES, *_OF_ACTIONS.get(action, ()))
+        ours = {key: options.pop(key) for key in own if key in options}
+        strange = options.keys() - set(Pattern.__slots__)
+        if strange:
+            known_name("", min(strange), (*Pattern.__slots__, *own))
+        for key in options.keys() & {"sender", "to"}:
+            options[key] = self._named(options[key])
+        pattern = pattern_of(what, **options)
+        self._check_module(pattern.module)
+        if not self.links:
+            raise InputError(f"{action}: no process has a link, expected links=True")
+        to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
+        if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
+            pattern = replace(pattern, to=None, sender=sender)
+            if sender is not None:
+                self._check_speaker(sender)
+            return self.link_of(to).add(Rule(action=action, pattern=pattern, **ours), ("down",))
+        if to is not None and not self._is_region(to):
+            raise InputError(
+                f"to={to}: expected a process, a region or a tile{did_you_mean(to, self.links)}"
+            )
+        if sender not in (None, COORDINATOR):
+            self.link_of(str(sender))  # what it says is met there alone
+        told = frozenset(link.speaks_as for link in self.links.values())
+        rule = Rule(action=action, pattern=replace(pattern, sender=sender), told=told, **ours)
+        for link in self.links.values():
+            link.add(rule)
+        return rule
+
+    def _speaks_as(self, name: str | None) -> str | None:
+        """Return the name in keys of a process that is given by that of its link."""
+        return self.links[name].speaks_as if name in self.links else name
+
+    def clear(self) -> None:
+        """Take all rules away, and heal all links."""
+        for link in self.links.values():
+            link.clear()
+
+    def close_links(self, around: Callable[[Callable[[], None]], object]) -> None:
+        """Have all links taken away, and the guard told that all is well."""
+        if self._guard is not None:
+            around(self._guard.close)
+        for link in self.links.values():
+            around(link.close)
+
+    # What is done to processes.
 
     def kill(self, who: Who, at: When = None) -> PlannedFault:
         """Kill a process, now, in a round or at a level, or at a message.

@@ -12,8 +12,11 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from fractions import Fraction
-from typing import TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast
+
+import msgspec
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -22,8 +25,6 @@ from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.moves import MoveName
-
-FORMAT = "cubepath-durations-1"
 
 Number: TypeAlias = int | str
 """A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
@@ -137,10 +138,18 @@ def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
     return found
 
 
-class _Decimal(str):
-    """A number with a decimal point or an exponent, as written."""
+class _Placed(msgspec.Struct, forbid_unknown_fields=True):
+    generator: str
+    at: Any
+    duration: Any
 
-    __slots__ = ()
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    format: Literal["cubepath-durations-1"]
+    default: Any = 1
+    generators: dict[str, Any] = {}
+    ids: dict[str, Any] = {}
+    moves: list[_Placed] = []
 
 
 def read_durations(source: Source) -> Durations:
@@ -158,16 +167,16 @@ def read_durations(source: Source) -> Durations:
     with opened(source) as file:
         text = file.text()
     try:
-        if file.path.suffix.lower() == ".json":
-            return _durations(_json(text))
-        return _durations(parsed_toml(text, _Decimal))
-    except InputError as error:
+        is_json = file.path.suffix.lower() == ".json"
+        found = _json(text) if is_json else parsed_toml(text, Decimal)
+        return _durations(msgspec.convert(found, _File))
+    except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
 
 def _json(text: str) -> object:
     try:
-        found: object = json.loads(text, parse_float=_Decimal, parse_constant=_Decimal)
+        found: object = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
     except RecursionError:
         raise InputError("lists in lists, nested too deeply") from None
     except ValueError as error:
@@ -176,68 +185,34 @@ def _json(text: str) -> object:
     return found
 
 
-def _durations(document: object) -> Durations:
-    found = _table(document, "", ("format", "default", "generators", "ids", "moves"))
-    if found.get("format") != FORMAT:
-        raise InputError(f"format: found {_shown(found.get('format'))}, expected {FORMAT!r}")
+def _durations(found: _File) -> Durations:
     named: dict[str, Fraction] = {}
-    for kind in ("generators", "ids"):
-        for name, value in _table(found.get(kind, {}), kind).items():
+    for kind, values in (("generators", found.generators), ("ids", found.ids)):
+        for name, value in values.items():
             if name in named:
                 raise InputError(
                     f"{name!r} is among the generators and the ids, expected one of them"
                 )
             named[name] = _duration(value, f"{kind}.{name}")
-    return Durations(_duration(found.get("default", 1), "default"), named, _placed(found))
-
-
-def _placed(found: Mapping[str, object]) -> dict[tuple[str, Site], Fraction]:
-    moves = found.get("moves", [])
-    if not isinstance(moves, list):
-        raise InputError(f"moves: found {_shown(moves)}, expected a list of tables, [[moves]]")
     placed: dict[tuple[str, Site], Fraction] = {}
-    for number, entry in enumerate(cast("list[object]", moves), 1):
-        where = f"moves {number}"
-        keys = ("generator", "at", "duration")
-        move = _table(entry, where, keys)
-        missing = [key for key in keys if key not in move]
-        if missing:
-            raise InputError(f"{where}: no key {missing[0]!r}, expected {', '.join(keys)}")
-        generator = move["generator"]
-        if not isinstance(generator, str) or isinstance(generator, _Decimal):
-            raise InputError(
-                f"{where}.generator: found {_shown(generator)}, expected the name of a generator"
-            )
+    for number, move in enumerate(found.moves, 1):
         try:
-            key = generator, site_from_json(_exact(move["at"]))
+            key = move.generator, site_from_json(_exact(move.at))
         except InputError as error:
-            raise InputError(f"{where}.at: {error}") from None
+            raise InputError(f"moves {number}.at: {error}") from None
         if key in placed:
-            raise InputError(f"{where}: generator {generator!r} at {move['at']} comes twice")
-        placed[key] = _duration(move["duration"], f"{where}.duration")
-    return placed
-
-
-def _table(found: object, where: str, keys: tuple[str, ...] | None = None) -> dict[str, object]:
-    """Return `found` as a table; with `keys`, it may have no others."""
-    if not isinstance(found, dict):
-        at = f"{where}: " if where else ""
-        raise InputError(f"{at}found {_shown(found)}, expected a table")
-    table = cast("dict[str, object]", found)
-    for key in table if keys is not None else ():
-        if key not in (known := keys or ()):
-            at = f"{where}: " if where else ""
-            near = did_you_mean(key, known)
-            raise InputError(f"{at}unknown key {key!r}{near}, expected {', '.join(known)}")
-    return table
+            where = f"moves {number}: generator {move.generator!r} at {move.at}"
+            raise InputError(f"{where} comes twice")
+        placed[key] = _duration(move.duration, f"moves {number}.duration")
+    return Durations(_duration(found.default, "default"), named, placed)
 
 
 def _duration(value: object, where: str) -> Fraction:
-    if isinstance(value, bool) or not isinstance(value, int | str):
+    if isinstance(value, bool) or not isinstance(value, int | str | Decimal):
         expected = "expected a number such as 2, 1.5 or 3/2"
-        raise InputError(f"{where}: found {_shown(value)}, {expected}")
+        raise InputError(f"{where}: found {value!r}, {expected}")
     try:
-        return duration_from(value)
+        return duration_from(str(value))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -246,15 +221,4 @@ def _exact(value: object) -> object:
     """Return a place with its decimals as floats."""
     if isinstance(value, list):
         return [_exact(each) for each in cast("list[object]", value)]
-    return float(value) if isinstance(value, _Decimal) else value
-
-
-def _shown(value: object) -> str:
-    """Return a text for what was found: a table or a list as such, all else as written."""
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, list):
-        return "a list"
-    if value is None:
-        return "nothing"
-    return str(value).lower() if isinstance(value, bool) else repr(value)[:60]
+    return float(value) if isinstance(value, Decimal) else value

@@ -14,14 +14,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.path_files.durations import Number, time_from
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
+from cubepath.protocol.path_files.jsonl import decode_line, write_lines
 
 FORMAT = "cubepath-following-1"
 _HEAD_BYTES = 1 << 12
@@ -165,12 +165,3 @@ def write_following(path: Path | str, timetable: FollowingFile) -> None:
     'cgshop'
     """
     write_lines(path, [timetable.head, *timetable.lines])
-
-
-def following_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas (2020-12) of the first line, `head`, and of all others, `line`.
-
-    >>> following_schemas()["line"]["required"]
-    ['vehicle', 'from', 'to']
-    """
-    return {"head": line_schema(FollowingHead), "line": line_schema(FollowingLine)}

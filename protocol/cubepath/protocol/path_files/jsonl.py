@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import schema_with_definitions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.parsing import check_keys
@@ -38,12 +37,6 @@ def decode_line(
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"found no whole JSON object, expected one a line: {error}") from None
     return found
-
-
-def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a kind of line, with the object itself on top."""
-    top, definitions = schema_with_definitions(line)
-    return {**top, "$defs": definitions} if definitions else top
 
 
 def write_lines(path: Path | str, lines: Iterable[object]) -> None:

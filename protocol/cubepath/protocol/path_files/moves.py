@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import msgspec
 
@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
+from cubepath.protocol.path_files.jsonl import decode_line, write_lines
 
 MoveName: TypeAlias = str | int | GeneratorPlacement
 """How a move is written: its id, or its generator and where that is placed."""
@@ -190,18 +190,6 @@ def write_cubes(path: Path | str, cubes: Iterable[Iterable[CubeName]]) -> None:
     (14, 'pivot-2-right')
     """
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
-
-
-def move_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas (2020-12) of the two forms of a line in a moves file, by name."""
-    contents = line_schema(ContentsLine)
-    contents["dependentRequired"] = {"before": ["after"], "after": ["before"]}
-    return {"generator": line_schema(GeneratorLine), "contents": contents}
-
-
-def cube_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a line of a cubes file."""
-    return line_schema(CubeLine)
 
 
 class _Form(NamedTuple):

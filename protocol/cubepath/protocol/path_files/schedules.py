@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import msgspec
 
@@ -22,7 +22,7 @@ from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.path_files.durations import Number, duration_from, time_from
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
+from cubepath.protocol.path_files.jsonl import decode_line, write_lines
 from cubepath.protocol.path_files.moves import CubeLine, CubeName
 
 Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
@@ -112,12 +112,3 @@ def write_timetable(path: Path | str, lines: Iterable[TimedLine]) -> None:
     [(0, 'left'), ('3/2', 'right')]
     """
     write_lines(path, lines)
-
-
-def timetable_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a line of a timetable.
-
-    >>> timetable_schema()["required"]
-    ['start', 'duration', 'move']
-    """
-    return line_schema(TimedLine)
