@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import product
 
+import msgspec
 import numpy as np
 import tomli_w
 
@@ -150,21 +150,14 @@ def computed(
         at_least = bound.cubes
         how = f"rule {rule.name}, then {searches}; bound: {bound.why}"
     moves = sum(map(len, cubes))
-    found = replace(instance, best=len(cubes), moves=moves, bound=at_least, how=how)
+    found = msgspec.structs.replace(instance, best=len(cubes), moves=moves, bound=at_least, how=how)
     return found, cubes
 
 
 def write(instances: Iterable[StandardInstance]) -> None:
     """Write the table."""
     rows = [
-        {
-            "name": each.name,
-            "system": each.system.removeprefix(f"{FOLDER}/"),
-            "best": each.best,
-            "moves": each.moves,
-            "bound": each.bound,
-            "how": each.how,
-        }
+        msgspec.structs.asdict(each) | {"system": each.system.removeprefix(f"{FOLDER}/")}
         for each in instances
     ]
     head = "# Written by tests/standards.py; docs/instances.md says what stands here.\n\n"

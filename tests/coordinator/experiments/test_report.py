@@ -15,11 +15,10 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder, table_of
-from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.report import distances, write_report
-from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
+from cubepath.coordinator.experiments.rows import FAILURES, GAVE_UP, RUN_COLUMNS, failed
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.statistics import Interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -22,7 +23,12 @@ def test_what_is_searched_is_the_scene_that_was_played(tmp_path: Path) -> None:
 
 def test_a_later_search_plays_the_runs_again(tmp_path: Path) -> None:
     """A report has each of them once, with what was searched for most."""
-    plan = {"rules": ["chain", "random"], "seeds": 2, "max_rounds": 60, "out": tmp_path}
+    plan: dict[str, Any] = {
+        "rules": ["chain", "random"],
+        "seeds": 2,
+        "max_rounds": 60,
+        "out": tmp_path,
+    }
     sweep("hex:n=5", **plan)
     again = sweep("hex:n=5", optimum=20_000, **plan)
     sweep("hex:n=5", **plan)

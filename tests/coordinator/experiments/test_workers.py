@@ -8,7 +8,7 @@ import threading
 import time
 from pathlib import Path
 
-from cubepath.coordinator.experiments.workers import Pool
+from cubepath.coordinator.experiments.executors import Pool
 
 
 def _half_an_answer(begun: Path) -> None:

@@ -18,9 +18,13 @@ from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, 
 from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files.durations import Durations
+from cubepath.protocol.path_files.durations import (
+    Durations,
+    TimedLine,
+    read_timetable,
+    write_timetable,
+)
 from cubepath.protocol.path_files.moves import MoveName, PathMove
-from cubepath.protocol.path_files.schedules import TimedLine, read_timetable, write_timetable
 from samples.strategies import (
     SCENES,
     Word,

@@ -13,7 +13,6 @@ from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.process_faults import PlannedFault
-from cubepath.coordinator.testing.replaying import replay_into
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.run_under_test import Joiners
 from cubepath.coordinator.testing.strategies import faults, trial_of
@@ -43,8 +42,6 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: RunLog.read(NOTHING), "path=None: expected the path of a file"),
     (lambda: RunLog.read(""), "path='': expected the path of a file"),
     (lambda: log().assert_same_run(NOTHING), "None: expected another Log"),
-    (lambda: replay_into(NOTHING, print), "None: expected a Log"),
-    (lambda: replay_into(log(), FIVE), "to=5: expected a function"),
     (lambda: Command(NOTHING), "command=None: expected a text, or a program and its arguments"),
     (lambda: Command([FIVE]), "command=[5]: expected a text, or a program and its arguments"),
     (lambda: Command("echo 'a"), "command=echo 'a: No closing quotation"),

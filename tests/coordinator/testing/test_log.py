@@ -128,25 +128,11 @@ def test_rounds_that_commute_may_be_swapped() -> None:
     one.assert_same_run(other)
 
 
-def test_order_and_counts() -> None:
-    """By kinds or patterns; what is missing is told."""
+def test_counts() -> None:
+    """By kinds or patterns."""
     log = RunLog(recorded("agv:graph=grid4x4,n=6", rounds=4))
-    log.assert_order("claim", Pattern(kind="report", round=1))
-    log.assert_count(4, "report", module=3)
-    log.assert_count(range(1, 7), "claim", round=1)
-    fails(lambda: log.assert_order("report", "claim"), "^'claim' comes before 'report': message ")
-    fails(lambda: log.assert_order("act", "claim"), "^no message is 'act', expected one")
-    fails(
-        lambda: log.assert_count(3, "report", module=3),
-        "^4 messages are 'kind=report, module=3', expected 3$",
-    )
-    fails(lambda: log.assert_count(range(5, 9), "reset"), "^0 messages .*, expected 5 to 8$")
-    fails(
-        lambda: log.assert_claimed(2, 99),
-        r"^module_2 made no claim in round 99: round \d+: edge at ",
-    )
-    found = log.claims(2)[0]
-    log.assert_claimed(2, found.round, found.result)
+    assert log.count("report", module=3) == 4
+    assert 1 <= log.count(Pattern(kind="claim", round=1)) <= 6
     with pytest.raises(InputError, match=r"^kind=reports_: expected one of"):
         log.count("reports_")
 
@@ -162,10 +148,7 @@ def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processe
         assert texts[0] == texts[1] == texts[2]
         (count,) = {log.count(kind) for log in logs}
         assert count == len(set(texts[0])) > 0
-        for log in logs:
-            log.assert_count(count, kind)
     assert len({len(log.deliveries("claim")) for log in logs}) == 3
-    fails(lambda: logs[0].assert_count(0, "claim"), r"^\d+ messages are 'kind=claim', expected 0$")
     one = logs[0].claims()[0]
     assert {log.count("claim", module=one.module, round=one.round) for log in logs} == {1}
 
@@ -190,8 +173,7 @@ def test_what_could_never_be_on_record_is_refused() -> None:
         (lambda: log.count("claim", modul=1), r"modul: .* \(did you mean 'module'\?\)"),
         (lambda: log.count("claim", sender="proces_0"), "sender=proces_0: .*mean 'process_0'"),
         (lambda: log.count("claim", kind="said"), "kind=said: expected one kind, found claim"),
-        (lambda: log.assert_claimed(1, 2, anything("grantd")), "result=grantd: .*'granted'"),
-        (lambda: log.assert_count(anything("x"), "claim"), "expected='x': expected 0 or more"),
+        (lambda: log.claims(1, 2, anything("grantd")), "result=grantd: .*'granted'"),
         (lambda: log.messages(anything(5)), "5: expected a kind of message, or a Pattern"),
         (lambda: log.assert_same_run(anything(None)), "None: expected another Log"),
     ]

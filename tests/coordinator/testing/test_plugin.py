@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing.fixtures import SimulateFixture
 from cubepath.coordinator.testing.plugin import seeds_given, seeds_in
 
 pytestmark = pytest.mark.slow
@@ -164,17 +163,14 @@ def test_a_marker_without_seeds_is_an_error(given: object) -> None:
 FAILS = """
 import pytest
 @pytest.mark.cubepath(max_rounds=3, links=False)
-def test_run(cubepath_run, cubepath_simulate):
+def test_run(cubepath_run):
     rig = cubepath_run("hex:n=3", "random", processes=0)
     assert rig.play().rounds == 3
     rig = cubepath_run("hex:n=3", processes=0, max_rounds=100)
     rig.until_goal()
     rig.finish().assert_goal()
     assert rig.run.plan.seed == 4
-    cubepath_simulate("hex:n=3", processes=1)
     if "{fails}":
-        from cubepath.coordinator.testing import fault
-        cubepath_simulate("hex:n=3", faults=[fault("loss", "process_0 up", 1)], check=True)
         assert rig.moves < 0
 """
 
@@ -210,8 +206,6 @@ def test_where(cubepath_run):
     run.step()
 @pytest.mark.cubepath(tiemout_s=3)
 def test_option(cubepath_run): pass
-@pytest.mark.cubepath(hesitat=1)
-def test_simulated(cubepath_simulate): pass
 """
 WRONG_SEEDS = """
 import pytest
@@ -236,7 +230,6 @@ def test_what_is_wrong_in_a_test_is_told_without_frames_of_ours(tmp_path: Path) 
         "test_use.py::test_option: cubepath('free'): expected names, as clock='free'",
         "InputError: @pytest.mark.cubepath: tiemout_s: expected one of ",
         "(did you mean 'timeout_s'?)",
-        "(did you mean 'hesitate'?)",
         "InputError: unknown system 'hexx' (did you mean 'hex'?)",
         '>       return cubepath_run("hexx", processes=0)',
         '    run.until(lambda run: run.kill("proces_0"))',
@@ -332,11 +325,3 @@ def is_there(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
-
-
-@pytest.mark.cubepath(clock="free", hesitate=0.25, links=False)
-def test_the_marker_is_for_simulated_runs_too(cubepath_simulate: SimulateFixture) -> None:
-    """As far as they have its options; what is named in the test counts."""
-    free = cubepath_simulate("hex:n=3", moves=2).trial.scenario
-    assert (type(free).__name__, free.hesitate) == ("FreeScenario", 0.25)
-    assert cubepath_simulate("hex:n=3", clock="lockstep").trial.scenario.hesitate == 0.25

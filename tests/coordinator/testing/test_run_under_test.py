@@ -141,7 +141,7 @@ def test_messages_and_states_are_awaited(cubepath_run: RunFixture) -> None:
     log = rig.finish()
     assert rig.outcome.ended == "interrupted"
     log.assert_legal()
-    log.assert_count(range(1, 99), "claim", module=1)
+    assert log.count("claim", module=1)
 
 
 def anything(value: Any) -> Any:

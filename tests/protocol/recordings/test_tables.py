@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -275,52 +274,3 @@ def test_a_message_that_is_none_is_named() -> None:
         topic = records[place].topic
         assert line.startswith(f"{recording.path}: message {place} ({topic}): ")
         assert why in line
-
-
-# --- Data frames -------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_frames_have_the_columns() -> None:
-    """Of moves and claims those of the arrays, of messages what the counts say."""
-    recording = golden("hex-5")
-    for table, columns in (("moves", recording.moves()), ("claims", recording.claims())):
-        frame = recording.frame(table)
-        assert list(frame.columns) == list(columns)
-        assert all(frame[name].tolist() == columns[name].tolist() for name in columns)
-    messages = recording.frame("messages")
-    counts = recording.counts()
-    assert len(messages) == counts.messages
-    by_kind = messages.groupby("kind")["bytes"].agg(["size", "sum"])
-    assert {name: (kind.messages, kind.bytes) for name, kind in counts.kinds.items()} == {
-        name: tuple(row)
-        for name, row in zip(by_kind.index, by_kind.to_numpy().tolist(), strict=True)
-    }
-
-
-def test_there_are_three_tables() -> None:
-    """Any other is refused in a line."""
-    with pytest.raises(InputError) as error:
-        golden("hex-5").frame("move")
-    assert str(error.value) == (
-        "unknown table 'move' (did you mean 'moves'?), expected one of moves, claims, messages"
-    )
-
-
-def test_without_pandas_there_are_no_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line says what to install."""
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError) as error:
-        golden("hex-5").frame()
-    assert str(error.value) == (
-        "data frames take the library pandas: pip install 'cubepath[experiments]'"
-    )
-
-
-def test_a_time_that_does_not_fit_is_named() -> None:
-    """Recordings of others may have log times of 64 bits."""
-    path = new_path()
-    with RecordingWriter(path, golden("hex-5").scene, {}) as writer:
-        writer.write("go/a", b"{}", round_number=2**64 - 1, wall_ns=0)
-    with pytest.raises(InputError, match="round 18446744073709551615: expected less than 2"):
-        read_recording(path).frame("messages")

@@ -7,8 +7,6 @@ moment, and what is on disk is right. Parts are written under another name first
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import json
 import os
 import time
@@ -163,29 +161,13 @@ class SweepFolder:
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
         known: dict[str, str | None] = {}
-        for part in self._whole_parts():
+        for part in parts_of(self.folder):
             for row in _read(part, ("id", "ended", "recording", "seconds")):
                 late = row["ended"] == TIMEOUT and row["seconds"] >= (timeout_s or inf)
                 if late or row["ended"] not in AGAIN:
                     none = "" if row["ended"] in FAILURES else None
                     known[row["id"]] = row["recording"] or known.get(row["id"]) or none
         return known
-
-    def _whole_parts(self) -> list[Path]:
-        """Return the parts of runs that can be read, as those of their rounds.
-
-        Others are put aside, and what was in them is played again, as if it had been cut off.
-        """
-        found = []
-        for part in parts_of(self.folder):
-            both = part, self.folder / "rounds" / part.name
-            if all(map(_is_whole, both)):
-                found.append(part)
-                continue
-            for path in both:  # nobody who reads the dataset looks at hidden files
-                with contextlib.suppress(FileNotFoundError):
-                    path.rename(path.with_name(f".{path.name}.damaged"))
-        return found
 
     def add(self, rows: Iterable[FinishedRun]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
@@ -306,28 +288,13 @@ def read_rounds(folder: Path, ids: Iterable[str] | None = None) -> list[Row]:
     return [rows[key] for key in sorted(rows)]
 
 
-def _is_whole(path: Path) -> bool:
-    """Return whether a part is there, and undamaged; InputError if it cannot be looked at."""
-    pa = arrow()
-    try:
-        pa.parquet.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        if not _is_damage(error):
-            raise unreadable(path, error) from None
-        return False
-    return True
-
-
-def _is_damage(error: Exception) -> bool:
-    """Return whether a file is missing or holds something else, and is not kept from us."""
-    return getattr(error, "errno", None) in (None, errno.ENOENT)
-
-
 def unreadable(path: Path, error: Exception) -> InputError:
     """Return the error for a part that cannot be read, which says how it is mended."""
     why = "no such file" if isinstance(error, FileNotFoundError) else str(error)
-    more = "; the same sweep once more plays its runs again" if _is_damage(error) else ""
-    return InputError(f"{path}: cannot be read: {' '.join(why.split())}{more}")
+    return InputError(
+        f"{path}: cannot be read: {' '.join(why.split())}; without {path.name} in runs and rounds,"
+        " the same sweep plays its runs again"
+    )
 
 
 def _read(path: Path, columns: Iterable[str]) -> list[Row]:

@@ -8,7 +8,6 @@ schedule that attains the best known value. tests/standards.py computes all of i
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -69,8 +68,7 @@ def forget_facts() -> None:
 FOLDER = Path(__file__).parent / "standard"
 
 
-@dataclass(frozen=True, slots=True)
-class StandardInstance:
+class StandardInstance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A scene to try rules on, and how good a schedule can be.
 
     `system` is what `scene_from_spec` takes: a spec, or the path of a TOML file. `best` is the
@@ -89,7 +87,16 @@ class StandardInstance:
     moves: int
     bound: int
     how: str
-    schedule: Path
+
+    def __post_init__(self) -> None:
+        """Look for the files of scenes where the instances stand."""
+        if self.system.endswith(".toml"):
+            msgspec.structs.force_setattr(self, "system", str(FOLDER / self.system))
+
+    @property
+    def schedule(self) -> Path:
+        """Return the path of its cubes file."""
+        return FOLDER / f"{self.name}.jsonl"
 
     @property
     def proved(self) -> bool:
@@ -107,28 +114,8 @@ def standard() -> tuple[StandardInstance, ...]:
     [(18, 18, True)]
     """
     table = parsed_toml(read_text(FOLDER / "standard.toml"))
-    return tuple(
-        StandardInstance(
-            name=row.name,
-            system=str(FOLDER / row.system) if row.system.endswith(".toml") else row.system,
-            best=row.best,
-            moves=row.moves,
-            bound=row.bound,
-            how=row.how,
-            schedule=FOLDER / f"{row.name}.jsonl",
-        )
-        for row in msgspec.convert(table, _Table).instance
-    )
-
-
-class _Row(msgspec.Struct, forbid_unknown_fields=True):
-    name: str
-    system: str
-    best: int
-    moves: int
-    bound: int
-    how: str
+    return tuple(msgspec.convert(table, _Table).instance)
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True):
-    instance: list[_Row]
+    instance: list[StandardInstance]

@@ -25,8 +25,15 @@ from types import FrameType
 from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.instances import facts_of, forget_facts
-from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import PREVENTED, TIMEOUT, FinishedRun
+from cubepath.coordinator.experiments.rows import (
+    ERROR,
+    PREVENTED,
+    TIMEOUT,
+    FinishedRun,
+    PlayedRun,
+    failed,
+    finished,
+)
 from cubepath.coordinator.experiments.setting import (
     RunBatch,
     RunSetting,

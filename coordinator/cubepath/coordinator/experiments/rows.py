@@ -5,13 +5,18 @@ A row is a dict with all keys; None is what is not known.
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cubepath.coordinator.experiments.instances import SceneFacts, facts_of
+from cubepath.coordinator.experiments.setting import RunBatch, run_id
+from cubepath.protocol.core.sites import Site
 
 Row: TypeAlias = dict[str, Any]
 
@@ -133,3 +138,167 @@ def in_canonical_order(rows: Iterable[Row]) -> list[Row]:
         )
 
     return sorted(rows, key=key)
+
+
+GOAL, MAX_ROUNDS, BLOCKED, GAVE_UP, FAULT, ERROR, DIED = (
+    "goal",
+    "max-rounds",
+    "blocked",
+    "gave-up",
+    "fault",
+    "error",
+    "died",
+)
+"""How a run can end: at its goal, or after all its rounds; before that, as no move was admissible
+any more, a rule gave up, or a fault ended it; it was an error of code, or its process died."""
+
+
+@dataclass(slots=True)
+class PlayedRun:
+    """The path of a run in arrays, and how it ended.
+
+    `moves` has for each move the number of its kind, and `measures` for each kind how it changes
+    what is missing at the goal and the distance, shape (2, kinds). `ends` has the number of moves
+    up to the end of each round, or level. `conflicts` counts the lost claims of each round; None
+    where they are not known.
+    """
+
+    moves: NDArray[np.int64]
+    measures: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    sites: Sequence[Site]
+    reduced: int
+    cubes: int
+    largest_cube: int
+    digest: str
+    ended: str
+    reason: str | None = None
+    conflicts: NDArray[np.int64] | None = None
+    lost: int | None = None
+    """How many claims were lost or attempts refused, if that is known of the whole run alone."""
+    messages: int | None = None
+    time: float | None = None
+    recording: str | None = None
+    seconds: float = 0.0
+
+
+def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
+    """Return the rows of a run."""
+    setting = batch.setting
+    facts = facts_of(setting.system, setting.optimum, setting.improve)
+    row = _row(batch, seed, facts)
+    counts = np.diff(played.ends, prepend=0)
+    ended = played.ended
+    if ended == MAX_ROUNDS and facts.blocked(played.sites):
+        ended = BLOCKED
+    reached = facts.scene.reached(played.sites)
+    conflicts = played.conflicts
+    lost = played.lost if conflicts is None else int(conflicts.sum())
+    last = np.flatnonzero(counts)
+    setting = batch.setting
+    bound = _greatest(facts.bound(played.cubes if reached else None), setting.proved)
+    row |= {
+        "bound": bound,
+        "optimum": _optimum(
+            facts.optimum, bound, {row["best_known"], played.cubes if reached else None}
+        ),
+        "goal": reached,
+        "ended": ended,
+        "reason": played.reason,
+        "stuck": facts.scene.goal is not None
+        and not reached
+        and ended in (MAX_ROUNDS, BLOCKED, GAVE_UP),
+        "rounds": len(counts),
+        "moves": len(played.moves),
+        "reduced": played.reduced,
+        "cubes": played.cubes,
+        "largest_cube": played.largest_cube,
+        "conflicts": lost,
+        "messages": played.messages,
+        "last_move": 0 if not len(last) else int(last[-1]) + 1,
+        "time": played.time,
+        "digest": played.digest,
+        "recording": played.recording,
+        "seconds": round(played.seconds, 4),
+    }
+    rounds = {
+        "moves": counts,
+        "conflicts": conflicts,
+        "missing": _after_rounds(facts.missing, played.measures[0], played),
+        "distance": _after_rounds(facts.distance, played.measures[1], played),
+    }
+    return FinishedRun(row, rounds)
+
+
+def _after_rounds(
+    start: int | None, changes: NDArray[np.int64], played: PlayedRun
+) -> NDArray[np.int64] | None:
+    """Return what a number is after each round, given what it is at the start; None if unknown."""
+    if start is None:
+        return None
+    total = np.concatenate([[start], start + np.cumsum(changes[played.moves])])
+    return total[played.ends]
+
+
+def failed(
+    batch: RunBatch, seed: int, ended: str, reason: str, seconds: float = 0.0, *, known: bool = True
+) -> FinishedRun:
+    """Return the row of a run of which nothing came but a reason.
+
+    `known` tells whether it is known how the scene is: to find that out may take for ever.
+    """
+    try:
+        setting = batch.setting
+        facts = facts_of(setting.system, setting.optimum, setting.improve) if known else None
+        row = _row(batch, seed, facts)
+    except Exception:  # noqa: BLE001 - whatever ended the run may be asked for here again
+        row = _row(batch, seed, None)
+    row |= {
+        "goal": False,
+        "ended": ended,
+        "reason": " ".join(reason.split()),
+        "stuck": False,
+        "seconds": round(seconds, 4),
+    }
+    nothing = np.zeros(0, np.int64)
+    return FinishedRun(row, dict.fromkeys(ROUND_MEASURES, nothing))
+
+
+def _row(batch: RunBatch, seed: int, facts: SceneFacts | None) -> Row:
+    """Return what is known of a run before it is played, with None for all else."""
+    setting = batch.setting
+    row: Row = dict.fromkeys(RUN_COLUMNS)
+    rates = asdict(setting.faults)
+    row |= {key: rates[key] for key in rates if key in RUN_COLUMNS}
+    row |= {
+        "system": setting.label,
+        "family": "" if facts is None else facts.scene.family,
+        "modules": None if facts is None else len(facts.scene.start),
+        "rule": setting.rule,
+        "clock": setting.clock,
+        "hesitate": setting.hesitate,
+        "faults": setting.faults.text(),
+        "core": setting.core,
+        "processes": setting.processes,
+        "keepers": setting.keepers,
+        "max_rounds": setting.max_rounds,
+        "seed": seed,
+        "best_known": _least(setting.best_known, None if facts is None else facts.best_found),
+        "id": run_id(setting, seed, batch.code),
+        "code": batch.code,
+        "configuration": json.dumps({**setting.configuration(), "seed": seed}, sort_keys=True),
+    }
+    return row
+
+
+def _greatest(one: int | None, other: int | None) -> int | None:
+    return max((each for each in (one, other) if each is not None), default=None)
+
+
+def _least(one: int | None, other: int | None) -> int | None:
+    return min((each for each in (one, other) if each is not None), default=None)
+
+
+def _optimum(found: int | None, bound: int | None, known: set[int | None]) -> int | None:
+    """Return the least number of cubes, if a search proves it, or a path as short as the bound."""
+    return bound if found is None and bound in known else found

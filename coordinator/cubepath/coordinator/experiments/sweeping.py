@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.experiments.executors import played_by, played_here
+from cubepath.coordinator.experiments.executors import Pool, played_by, played_here
 from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
 from cubepath.coordinator.experiments.rows import (
     FAILURES,
@@ -20,7 +20,6 @@ from cubepath.coordinator.experiments.rows import (
 )
 from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
 from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, is_small, sweep_of
-from cubepath.coordinator.experiments.workers import Pool
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 

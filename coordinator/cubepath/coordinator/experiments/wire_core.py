@@ -16,14 +16,7 @@ from random import Random
 import numpy as np
 
 from cubepath.coordinator.experiments.instances import Change, SceneFacts
-from cubepath.coordinator.experiments.outcomes import (
-    ERROR,
-    FAULT,
-    GAVE_UP,
-    GOAL,
-    MAX_ROUNDS,
-    PlayedRun,
-)
+from cubepath.coordinator.experiments.rows import ERROR, FAULT, GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
 from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer

@@ -1,19 +1,10 @@
 from cubepath.coordinator.testing.commands import Command as Command
-from cubepath.coordinator.testing.fixtures import (
-    ReplayFixture as ReplayFixture,
-    RunFixture as RunFixture,
-    SimulateFixture as SimulateFixture,
-)
+from cubepath.coordinator.testing.fixtures import RunFixture as RunFixture
 from cubepath.coordinator.testing.link import LinkProxy as LinkProxy
 from cubepath.coordinator.testing.log import (
     ClaimOutcome as ClaimOutcome,
     ExecutedMove as ExecutedMove,
     RunLog as RunLog,
-)
-from cubepath.coordinator.testing.replaying import (
-    live_modules as live_modules,
-    other_rule as other_rule,
-    replay_into as replay_into,
 )
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest

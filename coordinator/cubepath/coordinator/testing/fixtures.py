@@ -1,28 +1,20 @@
-"""What the fixtures of the plugin for pytest give to a test, and what they do when it is over.
+"""What the fixture ``cubepath_run`` gives to a test, and what it does when that is over.
 
-The plugin imports this when a fixture is asked for.
+The plugin imports this when the fixture is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from inspect import signature
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from cubepath.coordinator.runs.live import LiveReplay
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.simulation.faults import Fault
-from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.replaying import live_modules, other_rule, replay_into
 from cubepath.coordinator.testing.run_under_test import CommandLine, RunUnderTest
-from cubepath.coordinator.testing.strategies import TrialResult, trial_of
-from cubepath.coordinator.testing.wire_messages import WireMessage
-from cubepath.protocol.core.given import known_name
-
-T = TypeVar("T")
+from cubepath.protocol.core.options import known_name
 
 
 class RecordingFolder:
@@ -44,8 +36,8 @@ class RecordingFolder:
 
 def marked(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a marker; InputError for one that no run has."""
-    takes = (signature(each).parameters for each in (RunUnderTest.__init__, Plan, trial_of))
-    known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
+    takes = (signature(each).parameters for each in (RunUnderTest.__init__, Plan))
+    known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options"}
     for name in options:
         known_name("@pytest.mark.cubepath: ", name, sorted(known))
     return options
@@ -101,103 +93,3 @@ class RunFixture:
                     + (f", ended: {status.ended}" if status.ended else "")
                 )
         return found
-
-
-class SimulateFixture:
-    """The fixture ``cubepath_simulate``: runs under faults in virtual time, checked."""
-
-    def __init__(
-        self, places: RecordingFolder, seed: int, defaults: Mapping[str, Any] | None = None
-    ) -> None:
-        """Simulate with this seed and these options of `trial_of` unless told otherwise.
-
-        Of the defaults, options that only runs in processes have are left out.
-        """
-        known = signature(trial_of).parameters.keys() - {"faults"}
-        self._places = places
-        self._defaults = {key: each for key, each in (defaults or {}).items() if key in known}
-        self._seed = int(self._defaults.pop("seed", seed))
-        self._told: list[str] = []
-
-    def __call__(
-        self,
-        system: str,
-        rule: str | None = None,
-        *,
-        faults: Sequence[Fault] = (),
-        seed: int | None = None,
-        check: bool = True,
-        **options: Any,
-    ) -> TrialResult:
-        """Simulate a run under faults; the arguments are those of `trial_of`.
-
-        Unless `check` is False, AssertionError tells what does not hold of it. The recording of a
-        run that fails is kept.
-        """
-        __tracebackhide__ = True
-        chosen = self._seed if seed is None else seed
-        given: dict[str, Any] = {**self._defaults, **options}
-        tried = trial_of(system, rule, faults=faults, seed=chosen, **given).play()
-        if tried.run.failure is not None:
-            with suppress(Exception):  # a run without rounds has none
-                path = self._places.new("simulated")
-                tried.write(path)
-                self._told.append(f"recording {path}: {system}, seed {chosen}, simulated")
-        if check:
-            tried.assert_holds()
-        return tried
-
-    def told(self) -> list[str]:
-        """Return a line for each recording that was kept."""
-        return self._told
-
-
-class ReplayFixture:
-    """The fixture ``cubepath_replay``: puts a recording into the code under test."""
-
-    def __init__(self, timeout_s: float, places: RecordingFolder) -> None:
-        """Wait so long for phases of runs unless told otherwise."""
-        self._timeout_s = timeout_s
-        self._places = places
-        self._told: list[str] = []
-
-    def into(
-        self,
-        log: RunLog | Path | str,
-        to: Callable[[WireMessage], T],
-        what: str = "",
-        **pattern: Any,
-    ) -> list[T]:
-        """Call a function with each message; as `replay_into`."""
-        return replay_into(_log(log), to, what, **pattern)
-
-    def live(
-        self, log: RunLog | Path | str, modules: Iterable[int] | None = None, **options: Any
-    ) -> LiveReplay:
-        """Try live modules against a log, up to the first divergence; as `live_modules`."""
-        __tracebackhide__ = True
-        return live_modules(_log(log), modules, **self._of_a_run(options))
-
-    def what_if(
-        self, log: RunLog | Path | str, rule: str, *, from_round: int, **options: Any
-    ) -> RunLog:
-        """Go on from a round with another rule, in a new run; as `other_rule`.
-
-        Its recording goes to the folder of the test, unless told otherwise.
-        """
-        __tracebackhide__ = True
-        given = self._of_a_run(options)
-        path = given.setdefault("out", self._places.new("what-if"))
-        self._told.append(f"recording {path}: rule {rule} from round {from_round} on")
-        return other_rule(_log(log), rule, from_round=from_round, **given)
-
-    def _of_a_run(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        return {"patience": self._timeout_s, "processes": 2, **options}
-
-    def told(self) -> list[str]:
-        """Return a line for each recording that was made."""
-        return self._told
-
-
-def _log(log: RunLog | Path | str) -> RunLog:
-    return log if isinstance(log, RunLog) else RunLog.read(log)

@@ -7,7 +7,7 @@ failure tells where, with the messages around that place.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import known_name, whole_number
+from cubepath.protocol.core.options import known_name, whole_number
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision
@@ -37,7 +37,6 @@ _REASONS_MAX = 4
 _ROUND = re.compile(r"\b(?:round|level) (\d+)")
 _MODULE = re.compile(r"\bmodule_(\d+)")
 _SPEAKER = re.compile(r"coordinator|(process|keeper)_\d+")
-_MESSAGE = re.compile(r"\bmessage (\d+) \(")
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,99 +309,27 @@ class RunLog:
                 lines.append(f"{self._unit} {first}, {name}: {short(told)}")
         self._fail("\n  ".join(lines), first)
 
-    def assert_order(self, first: What, then: What) -> None:
-        """Check that the first message of one kind or pattern comes before the first of another.
-
-        AssertionError if either is missing, or if they come the other way round. See
-        `all_deliveries` for what the order of a log means.
-        """
-        __tracebackhide__ = True
-        one, two = self.places(first), self.places(then)
-        for what, found in ((first, one), (then, two)):
-            if not found:
-                self._fail(f"no message is {_named(what)}, expected one")
-        if one[0] > two[0]:
-            self._fail(
-                f"{_named(then)} comes before {_named(first)}: message {two[0]} before {one[0]}",
-                place=two[0],
-                also=one[0],
-            )
-
-    def assert_count(self, expected: int | range, what: What = "", **pattern: Any) -> None:
-        """Check the number of such messages; keys as for `messages`.
-
-        `expected` is a number, or a range that has it. AssertionError tells how many there are, and
-        shows the first of them.
-        """
-        __tracebackhide__ = True
-        if not isinstance(expected, range):
-            whole_number("expected", expected, 0)
-        found = self.count(what, **pattern)
-        if isinstance(expected, range):
-            holds, due = found in expected, f"{expected.start} to {expected.stop - 1}"
-        else:
-            holds, due = found == expected, str(expected)
-        if holds:
-            return
-        name = _named(pattern_of(what, **pattern))
-        places = self.places(what, **pattern)
-        self._fail(
-            f"{found} messages are {name}, expected {due}", place=places[0] if places else None
-        )
-
-    def assert_claimed(
-        self,
-        module: int,
-        round: int | None = None,  # noqa: A002 - as above
-        result: Result | None = None,
-    ) -> None:
-        """Check that a module made a claim, in this round, with this result.
-
-        AssertionError lists what it did claim.
-        """
-        __tracebackhide__ = True
-        if self.claims(module, round, result):
-            return
-        own = [
-            f"{self._unit} {each.round}: {each.generator} at {each.at}, {each.result}"
-            for each in self.claims(module)
-        ]
-        asked = f" in {self._unit} {round}" if round is not None else ""
-        asked += f" that was {result}" if result is not None else ""
-        told = short("; ".join(own)) if own else "it made none"
-        self._fail(f"module_{module} made no claim{asked}: {told}", round, module)
-
     # The text of a failure.
 
     @property
     def _unit(self) -> str:
         return "level" if self.free else "round"
 
-    def _told(self, detail: str) -> tuple[int | None, int | None, int | None]:
-        """Return the round, the module and the message that a line names."""
-        found = (each.search(detail) for each in (_ROUND, _MODULE, _MESSAGE))
-        at, module, message = (int(each[1]) if each is not None else None for each in found)
-        return at, module, message
+    def _told(self, detail: str) -> tuple[int | None, int | None]:
+        """Return the round and the module that a line names."""
+        at, module = (each.search(detail) for each in (_ROUND, _MODULE))
+        return None if at is None else int(at[1]), None if module is None else int(module[1])
 
-    def _fail(
-        self,
-        line: str,
-        at: int | None = None,
-        module: int | None = None,
-        place: int | None = None,
-        also: int | None = None,
-    ) -> NoReturn:
-        """Raise AssertionError with the messages around a place, or of a round and a module."""
+    def _fail(self, line: str, at: int | None = None, module: int | None = None) -> NoReturn:
+        """Raise AssertionError with the messages of a round and a module, or the last ones."""
         __tracebackhide__ = True
-        everything = self.all_deliveries
-        marked = [each for each in (place, also) if each is not None]
-        title = "the messages around it"
-        if not marked and at is not None:
-            means: Callable[[WireMessage], bool] = Pattern(round=at, module=module).holds
-            marked = [each for each, seen in enumerate(everything) if means(seen)]
+        everything, marked = self.all_deliveries, list[int]()
+        if at is not None:
+            means = Pattern(round=at, module=module).holds
+            marked = [place for place, seen in enumerate(everything) if means(seen)]
+        if marked:
             title = f"the messages around {self._unit} {at}"
             title += "" if module is None else f" of module_{module}"
-        if marked:
             raise AssertionError(f"{line}\n{table(everything, marked, title)}")
         said = [each for each in everything if each.kind not in RESULTS]
         raise AssertionError(f"{line}\n{table(said, title='the last messages')}")
@@ -422,10 +349,6 @@ def pattern_of(what: What = "", **pattern: Any) -> Pattern:
     if what and "kind" in pattern:
         raise InputError(f"kind={pattern['kind']}: expected one kind, found {what} beside it")
     return Pattern(kind=what or pattern.pop("kind", None), **pattern)
-
-
-def _named(what: What) -> str:
-    return f"'{what}'"
 
 
 def _came_of(attempt: Attempt, decision: Decision | None) -> ClaimOutcome:

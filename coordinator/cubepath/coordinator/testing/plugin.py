@@ -17,12 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.testing.fixtures import (
-        RecordingFolder,
-        ReplayFixture,
-        RunFixture,
-        SimulateFixture,
-    )
+    from cubepath.coordinator.testing.fixtures import RecordingFolder, RunFixture
 
 SEED = "cubepath_seed"
 MARKER = "cubepath"
@@ -190,10 +185,6 @@ def _cubepath_places(request: pytest.FixtureRequest) -> RecordingFolder:
     return RecordingFolder(request.getfixturevalue("tmp_path"))
 
 
-def _tell(request: pytest.FixtureRequest, teller: object) -> None:
-    request.node.stash.setdefault(_TOLD, []).append(teller)
-
-
 def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
     """Return the options that the markers of a test give its runs; the nearest counts."""
     found: dict[str, Any] = {}
@@ -214,32 +205,8 @@ def cubepath_run(
 
     defaults: dict[str, Any] = {"seed": cubepath_seed, "timeout_s": _timeout_s(request.config)}
     found = RunFixture(_cubepath_places, defaults | marked(_marked(request)))
-    _tell(request, found)
+    request.node.stash.setdefault(_TOLD, []).append(found)
     try:
         yield found
     finally:
         found.close()
-
-
-@pytest.fixture
-def cubepath_simulate(
-    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: RecordingFolder
-) -> SimulateFixture:
-    """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
-    from cubepath.coordinator.testing.fixtures import SimulateFixture, marked  # noqa: PLC0415 - as above
-
-    found = SimulateFixture(_cubepath_places, cubepath_seed, marked(_marked(request)))
-    _tell(request, found)
-    return found
-
-
-@pytest.fixture
-def cubepath_replay(
-    request: pytest.FixtureRequest, _cubepath_places: RecordingFolder
-) -> ReplayFixture:
-    """Return what puts a recording into the code under test: a function, or a rule."""
-    from cubepath.coordinator.testing.fixtures import ReplayFixture  # noqa: PLC0415 - as above
-
-    found = ReplayFixture(_timeout_s(request.config), _cubepath_places)
-    _tell(request, found)
-    return found

@@ -20,7 +20,7 @@ from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Pattern, Rul
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.given import known_name, seconds as seconds_of, whole_number
+from cubepath.protocol.core.options import known_name, seconds as seconds_of, whole_number
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
 
 _MODULE = re.compile(r"module_(\d+)")

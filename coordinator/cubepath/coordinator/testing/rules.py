@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias, get_args
 
 from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import (
+from cubepath.protocol.core.options import (
     known_name,
     real_number,
     seconds as seconds_of,

@@ -32,7 +32,7 @@ from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.rules import SECONDS_MAX
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import known_name, seconds as seconds_of, whole_number
+from cubepath.protocol.core.options import known_name, seconds as seconds_of, whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR
 

@@ -14,7 +14,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.path_files.jsonl import write_lines
+from cubepath.protocol.path_files.moves import write_lines
 
 FORMAT = "cubepath-certificate-1"
 SUFFIX = ".certificate.json"

@@ -18,7 +18,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set as Abstra
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
@@ -45,11 +44,7 @@ from cubepath.protocol.recordings.stored_messages import (
     chunk_of,
     messages_of,
 )
-from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-
+from cubepath.protocol.recordings.tables import Columns, claims_of, moves_of
 
 _UNSTORED = 1000
 """Messages in a chunk of a recording that is in no file."""
@@ -165,20 +160,6 @@ class Recording:
         numbers. `InputError` as for `messages`.
         """
         return claims_of(self)
-
-    def frame(self, table: str = "moves") -> pd.DataFrame:
-        """Return a table as a data frame of pandas: ``pip install 'cubepath[experiments]'``.
-
-        >>> recording = read_recording("logs/golden/hex-5.mcap")
-        >>> recording.frame("moves").groupby("module").size().tolist()
-        [7, 7, 7, 7]
-
-        "moves" and "claims" have the columns of `moves` and `claims`. "messages" has a row for each
-        message as it was recorded: ``round`` (the log time), ``wall_ns``, ``sequence``, ``kind``,
-        ``sender`` and the number of its ``bytes``. InputError if pandas is missing, if there is no
-        such table, and as for `messages`.
-        """
-        return frame_of(self, table)
 
     def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
         """Yield the messages some at a time, each time with the least round of those to come.

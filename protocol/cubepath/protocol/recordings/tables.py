@@ -1,4 +1,4 @@
-"""Recordings as arrays and data frames: moves, claims and messages, a row each.
+"""Recordings as arrays: moves and claims, a row each.
 
 `Recording` documents the columns.
 """
@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -14,22 +14,17 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.stored_messages import LoggedMessage, MessageSource, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 Columns: TypeAlias = dict[str, NDArray[Any]]
 """A table: arrays of one length by the names of its columns."""
 
 _encode = msgspec.json.Encoder().encode
-_TEXTS = ("generator", "at", "from", "to", "site", "outcome", "kind", "sender")
+_TEXTS = ("generator", "at", "from", "to", "site", "outcome")
 """Columns of objects; all others are int64."""
-_TABLES = ("moves", "claims", "messages")
 
 
 class _Sites:
@@ -170,32 +165,3 @@ def _with_outcomes(columns: Columns, outcomes: Mapping[Any, str], by: tuple[str,
     wall_ns = columns.pop("wall_ns")
     columns["outcome"] = _column("outcome", tuple(outcomes.get(key, "") for key in keys))
     return columns | {"wall_ns": wall_ns}
-
-
-def _messages(recording: MessageSource) -> Columns:
-    topics: dict[str, tuple[str, str]] = {}
-    rows = []
-    for record in recording.written():
-        named = topics.get(record.topic)
-        if named is None:
-            kind, _, sender = record.topic.partition("/")
-            named = topics[record.topic] = kind, sender
-        rows.append((record.round, record.wall_ns, record.sequence, *named, len(record.data)))
-    names = ("round", "wall_ns", "sequence", "kind", "sender", "bytes")
-    values = zip(*rows, strict=True) if rows else ((),) * len(names)
-    return {name: _column(name, column) for name, column in zip(names, values, strict=True)}
-
-
-def frame_of(recording: MessageSource, table: str) -> pd.DataFrame:
-    """Return a table as a data frame; `Recording.frame` documents it."""
-    if table not in _TABLES:
-        near = did_you_mean(table, _TABLES)
-        raise InputError(f"unknown table {table!r}{near}, expected one of {', '.join(_TABLES)}")
-    try:
-        import pandas as pd  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise InputError(
-            "data frames take the library pandas: pip install 'cubepath[experiments]'"
-        ) from None
-    made = {"moves": moves_of, "claims": claims_of, "messages": _messages}[table]
-    return pd.DataFrame(made(recording))

@@ -7,10 +7,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.files import Output, check_files, file_name
 from cubepath.coordinator.commands.path_options import duration_file, given_durations, hints, solved
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.following_proofs import write_fewest
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible

@@ -24,8 +24,7 @@ from cubepath.protocol.core.sites import to_json
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.theory.following.optimum import FewestRounds
     from cubepath.coordinator.theory.proof_checking.following_proof import FewestRoundsResult
-    from cubepath.protocol.path_files.following import FollowingFile
-    from cubepath.protocol.path_files.following_proofs import FollowingProof
+    from cubepath.protocol.path_files.following import FollowingFile, FollowingProof
     from cubepath.protocol.plans.imported import VehiclePlan
 
 
@@ -34,7 +33,7 @@ def write_fewest(
 ) -> list[tuple[str, object]]:
     """Write what was proved, if that is asked for; return the line of the summary."""
     from cubepath.coordinator.theory.following.files import fewest_rounds_proof  # noqa: PLC0415
-    from cubepath.protocol.path_files.following_proofs import write_following_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import write_following_proof  # noqa: PLC0415
 
     if options.proof is None:
         return []
@@ -62,7 +61,7 @@ def claimed_following(
 ) -> ClaimedProof:
     """Return what a proof about vehicles claims; CheckError for what already does not hold."""
     from cubepath.coordinator.theory.proof_checking.following_proof import FollowingRefutation  # noqa: PLC0415
-    from cubepath.protocol.path_files.following_proofs import read_following_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import read_following_proof  # noqa: PLC0415
 
     proof = read_following_proof(file)
     refutation = FollowingRefutation(proof, tell)

@@ -6,8 +6,7 @@ import argparse
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
-from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, progress_bar
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.theory.paper.registry import ClaimResult

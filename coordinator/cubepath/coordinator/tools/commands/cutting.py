@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cubepath.coordinator.commands.console import DONE, answer
+from cubepath.coordinator.commands.console import DONE, answer, progress_bar
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.output_files import check_output_folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cubepath.coordinator.commands.console import DONE, answer
+from cubepath.coordinator.commands.console import DONE, answer, progress_bar
 from cubepath.coordinator.commands.files import (
     Output,
     check_files,
@@ -13,7 +13,6 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.cutting import add_selection_options
 from cubepath.protocol.core.errors import InputError

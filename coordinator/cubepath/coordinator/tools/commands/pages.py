@@ -9,8 +9,7 @@ from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from cubepath.coordinator.commands.console import complain
-from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.console import complain, progress_bar
 from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
