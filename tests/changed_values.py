@@ -32,7 +32,7 @@ from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.verification.parameters import KNOWN
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.path_files.schedules import schedule_to_jsonl
+from cubepath.protocol.path_files.durations import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.wire.free_messages import decode_free

@@ -33,8 +33,14 @@ from statistics import mean, median
 
 import msgspec
 
-from cubepath.coordinator.commands.console import BAD_INPUT, DONE, FAILED, INTERRUPTED, complain
-from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    complain,
+    progress_bar,
+)
 from cubepath.coordinator.commands.usage import whole
 from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
 

@@ -30,7 +30,7 @@ BREAKS = {
         "agents.rendering.style",
     ),
     "the protocol: each package may use those below it": (
-        "protocol.path_files.schedules",
+        "protocol.path_files.durations",
         "protocol.systems.graphs",
     ),
     "the agents: each package may use those below it": (

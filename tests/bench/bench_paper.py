@@ -22,7 +22,7 @@ from time import process_time
 from cubepath.coordinator.theory.paper.claims import all_claims, compute_claims
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Catalogue, Cell
-from cubepath.protocol.scenes.families.sliding import sliding_catalogue
+from cubepath.protocol.scenes.families.shapes import sliding_catalogue
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 COMMAND = ["-m", "cubepath.coordinator", "paper", "--json"]

@@ -16,8 +16,7 @@ from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.local.observation import observe
 from cubepath.agents.local.random_streams import RULE, stream
-from cubepath.agents.rules.actor import Actor
-from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge, RuleType
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.auditing.playing import audit

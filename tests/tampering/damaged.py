@@ -116,7 +116,6 @@ def salvaged(data: bytes) -> Salvaged:
     source = stored(data)
     found = salvage(source)
     messages = [each for block in found.blocks for each in messages_in(source, block)]
-    messages += found.loose
     assert len(messages) == found.messages
     return Salvaged(
         messages,

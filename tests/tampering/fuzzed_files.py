@@ -11,11 +11,14 @@ from random import Random
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.path_files.certificates import certificate_from_json
-from cubepath.protocol.path_files.durations import read_durations
+from cubepath.protocol.path_files.durations import (
+    read_durations,
+    read_timetable,
+    schedule_from_jsonl,
+)
 from cubepath.protocol.path_files.following import read_following
 from cubepath.protocol.path_files.moves import read_cubes, read_moves
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
-from cubepath.protocol.path_files.schedules import read_timetable, schedule_from_jsonl
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from tampering.junk import changed_json, changed_lines, changed_toml

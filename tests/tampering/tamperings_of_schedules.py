@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.path_files.durations import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Stopped
 from samples.recordings import edited, first

@@ -11,7 +11,7 @@ from typing import Any
 
 COMMANDS = {
     "run": ("commands.run", "run modules in processes, record them, shorten their path"),
-    "join": ("commands.join", "join a run elsewhere, with some of its modules"),
+    "join": ("commands.host", "join a run elsewhere, with some of its modules"),
     "replay": ("commands.replay", "put a recording back on zenoh; gather and shorten it again"),
     "shorten": (
         "commands.shorten",
@@ -34,7 +34,7 @@ COMMANDS = {
         "draw a run or another path: some states, and its schedule; or a scene",
     ),
     "sweep": ("commands.sweep", "play many runs: systems by rules by seeds, and more"),
-    "report": ("commands.report", "tables, plots and a page on the runs of a sweep"),
+    "report": ("commands.sweep", "tables, plots and a page on the runs of a sweep"),
     "simulate": (
         "commands.simulate",
         "simulate whole runs under random faults, each from its seed",
@@ -57,7 +57,7 @@ COMMANDS = {
         "commands.rule",
         "check that a rule uses only local information and is reproducible",
     ),
-    "system list": ("commands.system", "list the systems with their keys and defaults"),
+    "system list": ("commands.rule", "list the systems with their keys and defaults"),
     "system new": ("commands.new", "begin a distribution with a system of your own"),
     "host router": ("commands.host", "route for runs on several hosts, until interrupted"),
     "host certificates": ("commands.host", "make an authority and certificates for secure runs"),

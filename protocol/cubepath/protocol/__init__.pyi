@@ -28,18 +28,13 @@ from cubepath.protocol.core.system import (
 )
 from cubepath.protocol.file_forms import read_plan as read_plan
 from cubepath.protocol.path_files.following import (
-    following_schemas as following_schemas,
     read_following as read_following,
-    write_following as write_following,
-)
-from cubepath.protocol.path_files.following_proofs import (
     read_following_proof as read_following_proof,
+    write_following as write_following,
     write_following_proof as write_following_proof,
 )
 from cubepath.protocol.path_files.moves import (
     PathMove as PathMove,
-    cube_schema as cube_schema,
-    move_schemas as move_schemas,
     read_cubes as read_cubes,
     read_moves as read_moves,
     write_cubes as write_cubes,
@@ -61,7 +56,7 @@ from cubepath.protocol.recordings.recording import (
 )
 from cubepath.protocol.recordings.writing import RecordingWriter as RecordingWriter
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue as hex_catalogue
-from cubepath.protocol.scenes.family import Family as Family
+from cubepath.protocol.scenes.registry import Family as Family
 from cubepath.protocol.scenes.specs import scene_from_spec as scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene as read_scene, scene_to_toml as scene_to_toml
 from cubepath.protocol.systems.flips import FlipSystem as FlipSystem

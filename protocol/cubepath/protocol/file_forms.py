@@ -298,7 +298,7 @@ FORMS = {
             "following proof",
             "a proof of optimality",
             _first_bytes(b"cubepath following proof 1\n"),
-            "path_files.following_proofs:read_following_proof",
+            "path_files.following:read_following_proof",
             unfit=_PROVED,
         ),
         FileForm(

@@ -9,7 +9,7 @@ import pytest
 from cubepath.agents.keepers.attempts import Share
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.actor import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.sites import Site, site_from_json

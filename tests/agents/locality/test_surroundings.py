@@ -12,8 +12,13 @@ from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
 from cubepath.agents.locality.check import SCENES, all_scenes
-from cubepath.agents.locality.plays import ModuleLife, Surroundings
-from cubepath.agents.locality.surroundings import ChangedWorlds, surrounding_scene, within_reach
+from cubepath.agents.locality.plays import (
+    ChangedWorlds,
+    ModuleLife,
+    Surroundings,
+    surrounding_scene,
+    within_reach,
+)
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.actions import commute

@@ -8,7 +8,7 @@ import pytest
 
 from cubepath.agents.keepers.attempts import planned
 from cubepath.agents.local.observation import Note
-from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.actor import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site

@@ -11,10 +11,9 @@ from hypothesis import given, settings, strategies as st
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
 from cubepath.agents.environments.rollouts import FreeRollout
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.free_tswap import NOTHING, GoalRegister
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice
-from cubepath.agents.rules.tswap import TSWAP
+from cubepath.agents.rules.tswap import NOTHING, TSWAP, GoalRegister
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
 from samples.free_plays import Pace, paces

@@ -15,7 +15,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.schedules import OwnMoves, schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.path_files.durations import OwnMoves, schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem

@@ -19,7 +19,7 @@ from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.path_files.durations import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
 from samples.recordings import edited, first, new_path, parts, recorded, with_records

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from cubepath.agents.rules.registry import forget_rule_files
-from cubepath.coordinator import run
+from cubepath.coordinator import replay_live, run, what_if
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.testing.fixtures import ReplayFixture
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -180,9 +179,7 @@ def test_no_command_runs_a_file_that_an_input_names(canary: Path, command: str) 
     assert not canary.exists()
 
 
-def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
-    canary: Path, cubepath_replay: ReplayFixture
-) -> None:
+def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(canary: Path) -> None:
     """Neither what checks a log, nor what lets modules live in it."""
     for name in ("0.mcap", "branch.mcap", "free-0.mcap"):
         log = RunLog.read(name)
@@ -190,8 +187,8 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(
         with contextlib.suppress(AssertionError):
             log.assert_same_run(RunLog.read("free-1.mcap" if "free" in name else "1.mcap"))
         for go_on in (
-            lambda log=log: cubepath_replay.live(log, [0], processes=0),
-            lambda log=log: cubepath_replay.what_if(log, "random", from_round=2, modules=[0]),
+            lambda log=log: replay_live(log.recording, [0], processes=0),
+            lambda log=log: what_if(log.recording, "random", from_round=2, modules=[0]),
         ):
             with contextlib.suppress(InputError, CheckError):
                 go_on()

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from cubepath.coordinator.commands.progress import Lines, progress_bar
+from cubepath.coordinator.commands.console import Lines, progress_bar
 
 
 class Clock:
@@ -92,7 +92,7 @@ def test_the_time_is_shown_without_being_asked_for(monkeypatch: pytest.MonkeyPat
     stream = Stream()
     monkeypatch.delenv("CUBEPATH_PROGRESS")
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr("cubepath.coordinator.commands.progress._FIRST_SECONDS", 0.0)
+    monkeypatch.setattr("cubepath.coordinator.commands.console._FIRST_SECONDS", 0.0)
     with progress_bar(None, "draw", "") as bar:
         assert written.wait(30)
     assert bar.disable

@@ -22,7 +22,6 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.certificates import (
     Certificate,
     certificate_from_json,
-    certificate_schema,
     companion,
     read_certificate,
     write_certificate,
@@ -259,15 +258,13 @@ def test_a_link_says_what_holds_a_move_up(letters: Word) -> None:
 
 
 def test_a_certificate_is_read_back(tmp_path: Path) -> None:
-    """Written and read it is the same, and its schema says what its keys are."""
+    """Written and read it is the same."""
     path = companion(tmp_path / "cubes.jsonl")
     end = replace(GOOD, end=[5, "dock", (0, 1)])
     write_certificate(path, end)
     read = read_certificate(path)
     assert read == replace(end, end=[5, "dock", [0, 1]])
     assert path.read_text().startswith('{"format":"cubepath-certificate-1","moves":10,')
-    keys = {"format", "moves", "cancelled", "cubes", "chain"}
-    assert set(certificate_schema()["required"]) == keys
 
 
 @pytest.mark.parametrize(

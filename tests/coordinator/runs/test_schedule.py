@@ -27,8 +27,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.durations import schedule_from_jsonl
 from cubepath.protocol.path_files.moves import write_cubes
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Executed, Stopped
 from marked import some

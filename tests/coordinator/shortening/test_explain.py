@@ -15,7 +15,7 @@ from cubepath.coordinator.shortening.explain import certified_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.path_files.certificates import companion, read_certificate, write_certificate
-from cubepath.protocol.path_files.schedules import read_timetable
+from cubepath.protocol.path_files.durations import read_timetable
 from cubepath.protocol.path_files.supports import TabledActions
 
 SCENARIO = Path(__file__).parents[2] / "data" / "agv" / "grid8-12agents.json"

@@ -112,28 +112,28 @@ BAD_PLANS: dict[str, tuple[dict[str, Any], str]] = {
         plan(moves=[[[0, 0], [1, 0]], [[1, 0], [0, 1]]]),
         "move 2, [1,0] to [0,1]: no edge of the grid, expected a step to a neighbouring cell",
     ),
-    "no step": (plan(moves=[[[0, 0], [0, 0]]]), "move 1, [0,0] to [0,0]: no edge of the grid"),
+    "no step": (plan(moves=[[[0, 0], [0, 0]]]), "move 1, vehicle 0 stays at [0,0]"),
     "empty": (
         plan(moves=[[[0, 0], [0, 1]], [[0, 0], [1, 0]]]),
-        "move 2, [0,0] to [1,0]: [0,0] is empty, expected a vehicle",
+        "move 2, [0,0] is empty, expected a vehicle",
     ),
     "occupied": (
         plan(moves=[[[0, 0], [1, 0]], [[2, 0], [1, 0]]]),
-        "move 2, [2,0] to [1,0]: [1,0] is occupied, expected it empty",
+        "move 2, vehicle 1, [2,0] to [1,0]: [1,0] is occupied by vehicle 0, which stays",
     ),
     "obstacle": (
         plan(moves=[[[0, 0], [1, 0]], [[1, 0], [1, 1]]]),
-        "move 2, [1,0] to [1,1]: [1,1] is an obstacle or outside, expected free",
+        "move 2, vehicle 0, [1,0] to [1,1]: [1,1] is an obstacle or outside, expected free",
     ),
     "outside": (
         plan(moves=[[[0, 0], [-1, 0]]]),
-        "move 1, [0,0] to [-1,0]: [-1,0] is an obstacle or outside, expected free",
+        "move 1, vehicle 0, [0,0] to [-1,0]: [-1,0] is an obstacle or outside, expected free",
     ),
     "one start twice": (plan(starts=[[0, 0], [0, 0]]), "start 1 at [0, 0] is taken twice"),
     "no goals": ({"starts": [[0, 0]]}, "missing required field `goals`"),
     "one cell": (
         plan(grid=[1, 1], obstacles=[], starts=[[0, 0]], goals=[[0, 0]]),
-        "move 1, [0,0] to [1,0]: [1,0] is an obstacle or outside, expected free",
+        "move 1, vehicle 0, [0,0] to [1,0]: [1,0] is an obstacle or outside, expected free",
     ),
 }
 

@@ -12,8 +12,8 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.path_files.durations import read_timetable
 from cubepath.protocol.path_files.moves import CubeName, NumberedId, read_cubes, read_moves
-from cubepath.protocol.path_files.schedules import read_timetable
 
 
 def step(name: str | int, source: int, target: int) -> dict[str, Any]:

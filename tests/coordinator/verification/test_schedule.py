@@ -13,7 +13,7 @@ from cubepath.coordinator.verification.ending import check_schedule
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.transcript import Sorting, Transcript
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.path_files.durations import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, Report
 from samples.recordings import edited, first, record_of, with_records

@@ -14,10 +14,13 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.path_files.certificates import read_certificate
-from cubepath.protocol.path_files.durations import read_durations
+from cubepath.protocol.path_files.durations import (
+    read_durations,
+    read_timetable,
+    schedule_from_jsonl,
+)
 from cubepath.protocol.path_files.moves import read_cubes, read_moves
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
-from cubepath.protocol.path_files.schedules import read_timetable, schedule_from_jsonl
 from cubepath.protocol.scenes.families.triangulations import read_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graphs import scenario_from_json

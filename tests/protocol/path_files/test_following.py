@@ -13,7 +13,6 @@ from cubepath.protocol.path_files.following import (
     FollowingFile,
     FollowingHead,
     FollowingLine,
-    following_schemas,
     read_following,
     write_following,
 )
@@ -66,10 +65,3 @@ def test_bad_files_are_refused_with_the_line(tmp_path: Path, text: str, said: st
         read_following(path)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_the_schemas_name_the_keys() -> None:
-    """As files have them."""
-    schemas = following_schemas()
-    assert {"vehicle", "from", "to", "round"} <= set(schemas["line"]["properties"])
-    assert schemas["head"]["properties"]["format"]["enum"] == ["cubepath-following-1"]

@@ -11,7 +11,7 @@ import zstandard
 
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.file_forms import form_of
-from cubepath.protocol.path_files.following_proofs import (
+from cubepath.protocol.path_files.following import (
     FIRST_LINE,
     FollowingProof,
     read_following_proof,

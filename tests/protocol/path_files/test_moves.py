@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from cubepath.protocol.core.actions import commute
@@ -14,8 +13,6 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import (
     PathMove,
-    cube_schema,
-    move_schemas,
     read_cubes,
     read_moves,
     write_cubes,
@@ -431,19 +428,6 @@ def test_links_and_devices_stay_what_they_are(tmp_path: Path) -> None:
     assert Path("/dev/null").is_char_device()
 
 
-def test_schemas_say_what_lines_look_like() -> None:
-    """Each schema is of an object, with all keys, and admits no other."""
-    schemas = move_schemas()
-    assert set(schemas["generator"]["properties"]) == {"generator", "at"}
-    assert schemas["contents"]["required"] == ["id", "support", "trace"]
-    assert schemas["contents"]["dependentRequired"]["before"] == ["after"]
-    assert set(cube_schema()["properties"]) == {"moves"}
-    for schema in (*schemas.values(), cube_schema()):
-        assert schema["type"] == "object"
-        assert schema["additionalProperties"] is False
-        assert msgspec.json.decode(msgspec.json.encode(schema)) == schema
-
-
 def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) -> None:
     """A line of a moves file says no more than it may; a cube's move may carry a remark."""
     move = '{"generator": "edge", "at": [0, 1], "remark": "first"}'
@@ -455,13 +439,3 @@ def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) 
         read_path(moves, scene_from_spec(SYSTEM))
     cubes.write_text(f'{{"moves": [{move}]}}\n')
     assert list(read_cubes(cubes)) == [(GeneratorPlacement("edge", [0, 1]),)]
-
-
-def test_schemas_refuse_what_is_refused() -> None:
-    """Further keys are refused in lines by generator alone."""
-    by_generator = move_schemas()["generator"]
-    assert by_generator["title"] == "GeneratorLine"
-    assert by_generator["additionalProperties"] is False
-    definitions = cube_schema()["$defs"]
-    assert set(definitions) == {"GeneratorPlacement", "NumberedId"}
-    assert "additionalProperties" not in definitions["GeneratorPlacement"]

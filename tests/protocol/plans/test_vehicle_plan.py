@@ -125,11 +125,11 @@ FIRST: list[list[int]] = [[0, 0], [1, 0]]
         ),
         (
             {"moves": [FIRST, [[0, 0], [0, 1]]], "rounds": [2]},
-            "round 1: vehicle 0 moves twice, expected once",
+            "round 1, vehicle 0 moves twice, expected once",
         ),
-        ({"moves": [[[0, 0], [0, 0]]], "rounds": [1]}, "round 1: vehicle 0 stays at [0,0]"),
-        ({"moves": [[[5, 0], [0, 0]]], "rounds": [1]}, "round 1: [5,0] is empty"),
-        ({"moves": [FIRST]}, "move 1, [0,0] to [1,0]: [1,0] is occupied, expected it empty"),
+        ({"moves": [[[0, 0], [0, 0]]], "rounds": [1]}, "round 1, vehicle 0 stays at [0,0]"),
+        ({"moves": [[[5, 0], [0, 0]]], "rounds": [1]}, "round 1, [5,0] is empty"),
+        ({"moves": [FIRST]}, "move 1, vehicle 0, [0,0] to [1,0]: [1,0] is occupied by vehicle 1"),
         ({"moves": [[[0, 0], [-1, 0]]], "rounds": [1]}, "an obstacle or outside, expected free"),
     ],
 )

@@ -17,8 +17,7 @@ from cubepath.protocol.core.actions import Action, State, admissible, apply, com
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.connected_hexagons import RING
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.families.hexagons import RING, hex_catalogue
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml

@@ -12,7 +12,7 @@ from cubepath.protocol.core.catalogue import EDGES, Catalogue, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.free_arm import (
+from cubepath.protocol.scenes.families.arms import (
     BASE,
     DEADLOCK,
     arm_of,

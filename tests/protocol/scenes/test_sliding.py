@@ -12,7 +12,7 @@ from cubepath.protocol.core.catalogue import SQUARES, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.sliding import sliding_catalogue
+from cubepath.protocol.scenes.families.shapes import sliding_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem

@@ -11,8 +11,7 @@ from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.families.tunnel import tunnel_catalogue
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue, tunnel_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.cells import cells_of

@@ -30,7 +30,7 @@ from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import real_number, whole_number
+from cubepath.protocol.core.options import real_number, whole_number
 from cubepath.protocol.core.system import Scene
 
 _TICKS = 1000

@@ -14,7 +14,7 @@ import numpy as np
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.local.observation import Note, Observation, chosen_move, goal_sets, observe
-from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.actor import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_from_json

@@ -30,7 +30,7 @@ from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import function, whole_number
+from cubepath.protocol.core.options import function, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.wire.free_messages import Commit

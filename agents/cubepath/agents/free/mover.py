@@ -18,8 +18,7 @@ from cubepath.agents.keepers.attempts import planned
 from cubepath.agents.keepers.node import TICK_S
 from cubepath.agents.local.observation import STAY, observe
 from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
-from cubepath.agents.rules.actor import Actor
-from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json

@@ -29,6 +29,7 @@ from typing import Literal, Self, TypeAlias
 
 from cubepath.agents.locality.fork_server import PATIENCE_S, ForkServer
 from cubepath.agents.locality.plays import (
+    ChangedWorlds,
     Conditions,
     FitQuestion,
     ModuleLife,
@@ -39,10 +40,9 @@ from cubepath.agents.locality.plays import (
     PlayTask,
     WholeRun,
 )
-from cubepath.agents.locality.surroundings import ChangedWorlds
 from cubepath.agents.rules.registry import is_in_file
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec

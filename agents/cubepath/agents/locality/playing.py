@@ -25,8 +25,8 @@ from cubepath.agents.locality.plays import (
     RuleChoice,
     Surroundings,
     WholeRun,
+    surrounding_scene,
 )
-from cubepath.agents.locality.surroundings import surrounding_scene
 from cubepath.agents.locality.traps import Traps, place
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType

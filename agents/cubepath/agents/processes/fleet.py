@@ -28,7 +28,7 @@ from cubepath.agents.rules.schedule import RecordedChoices
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.schedules import OwnMoves
+from cubepath.protocol.path_files.durations import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.keys import key_of, topic_key

@@ -28,7 +28,7 @@ from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.given import real_number, whole_number
+from cubepath.protocol.core.options import real_number, whole_number
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec

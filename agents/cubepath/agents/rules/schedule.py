@@ -24,7 +24,7 @@ from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
-from cubepath.protocol.path_files.schedules import OwnMoves
+from cubepath.protocol.path_files.durations import OwnMoves
 
 SCHEDULE = "schedule"
 

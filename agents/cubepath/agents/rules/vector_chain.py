@@ -7,14 +7,13 @@ tabled. Which task a module has shows in its first view, so that is kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.rules.chain_task import check_room, cross, goal_chain, minus, plus, tasks_from
-from cubepath.agents.rules.lattice_slots import moves_by_orbit, sensed_offsets
 from cubepath.agents.rules.vector_rule import (
     RuleFailure,
     VectorChoice,
@@ -24,7 +23,8 @@ from cubepath.agents.rules.vector_rule import (
 )
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell, Move
-from cubepath.protocol.core.system import CLOSED, EMPTY
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import CLOSED, EMPTY, System
 
 _Numbers = NDArray[np.int64]
 
@@ -55,6 +55,51 @@ class _Tables(NamedTuple):
     tasks: _Numbers
     """Shape (n, 2, 10): g_0, the direction of the goal, u, the sense of turning, the direction
     towards g_0 and the opposite one, each as a bit, and m."""
+
+
+def moves_by_orbit(system: System, cells: Iterable[Site]) -> Mapping[Cell, tuple[Move, ...]] | None:
+    """Return the moves of a module at the representative of each orbit, in the order of slots.
+
+    They are what is in the slots at any other cell of the orbit as well, translated, unless they
+    are excluded there. None if the system has no catalogue, or its slots at one of these `cells`
+    hold something else; one cell of each orbit is looked at.
+    """
+    catalogue = system.catalogue
+    if catalogue is None:
+        return None
+    found = {orbit: catalogue.proposals(orbit) for orbit in catalogue.templates}
+    looked_at: set[Cell] = set()
+    for site in cells:
+        cell = catalogue.lattice.check(site)
+        orbit = catalogue.orbit(cell)
+        if orbit in looked_at:
+            continue
+        looked_at.add(orbit)
+        wanted = catalogue.proposals(cell)
+        slots = system.moves(cell)
+        padded = (*wanted, *[None] * (len(slots) - len(wanted)))
+        if len(slots) != len(padded) or any(
+            move not in (None, one) for move, one in zip(slots, padded, strict=True)
+        ):
+            return None
+    return found
+
+
+def sensed_offsets(system: System, cell: Cell) -> tuple[Cell, ...] | None:
+    """Return the sensed cells by slot, from the representative of the cell's orbit.
+
+    None if the system has no catalogue, or if slots stand for no cell.
+    """
+    catalogue = system.catalogue
+    if catalogue is None:
+        return None
+    lattice, found = catalogue.lattice, []
+    back = tuple(-number for number in cell[: lattice.dimension])
+    for near in system.sensed(cell):
+        if near is None:
+            return None
+        found.append(lattice.shift(lattice.check(near), back))
+    return tuple(found)
 
 
 def make(knowledge: VectorKnowledge) -> VectorRule | None:

@@ -44,7 +44,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
-from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
+from cubepath.protocol.path_files.durations import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.free_messages import Turn
 from cubepath.protocol.wire.messages import Claim, Note

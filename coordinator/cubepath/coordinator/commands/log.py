@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, answer, complain
+from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import (
     LOGS_HELP,
     Progress,

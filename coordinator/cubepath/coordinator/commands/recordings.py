@@ -10,9 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from cubepath.coordinator.commands.console import BAD_INPUT, DONE, FAILED, answer, complain, say
+from cubepath.coordinator.commands.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    answer,
+    complain,
+    progress_bar,
+    say,
+)
 from cubepath.coordinator.commands.files import file_name
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import counted, visible
 from cubepath.protocol.core.input_files import file_within, readable

@@ -9,10 +9,16 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.run import watched_rounds, with_damage
 from cubepath.coordinator.commands.usage import (
     add_fields,

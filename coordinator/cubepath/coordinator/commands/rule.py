@@ -6,8 +6,14 @@ import argparse
 import time
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
-from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
@@ -135,5 +141,35 @@ def _list(options: argparse.Namespace) -> int:
             f"    clocks: {', '.join(rule.clocks)}" + (f"; without rounds: {free}" if free else ""),
             f"    source: {rule.source}",
         ]
+    answer(options, document, "\n".join(lines))
+    return DONE
+
+
+def add_system_list(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``system list``."""
+    parser.set_defaults(command=_list_systems)
+
+
+def _list_systems(options: argparse.Namespace) -> int:
+    from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
+
+    document = [
+        {
+            "name": family.name,
+            "summary": family.summary,
+            "rule": family.rule,
+            "keys": {
+                key: {"default": default, "summary": summary}
+                for key, (default, summary) in family.keys.items()
+            },
+        }
+        for family in all_families().values()
+    ]
+    lines = []
+    for family in all_families().values():
+        rule = f" (rule {family.rule})" if family.rule else ""
+        lines.append(f"{family.name}: {family.summary}{rule}")
+        for key, (default, summary) in family.keys.items():
+            lines.append(f"    {key}={default:<6} {summary}")
     answer(options, document, "\n".join(lines))
     return DONE

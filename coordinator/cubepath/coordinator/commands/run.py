@@ -15,6 +15,7 @@ from cubepath.coordinator.commands.console import (
     SYSTEM_HELP,
     answer,
     complain,
+    progress_bar,
     table,
 )
 from cubepath.coordinator.commands.files import (
@@ -24,7 +25,6 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import (
     add_fields,
     given,

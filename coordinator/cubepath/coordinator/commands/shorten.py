@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import answer, table
+from cubepath.coordinator.commands.console import answer, progress_bar, table
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
     Output,
@@ -27,7 +27,6 @@ from cubepath.coordinator.commands.path_options import (
     plan_rows,
     solved,
 )
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 
@@ -98,7 +97,7 @@ def _shorten(options: argparse.Namespace) -> int:
             if certified.timed is None:
                 write_schedule(out, found, lambda: found.named)
             else:
-                from cubepath.protocol.path_files.schedules import write_timetable  # noqa: PLC0415
+                from cubepath.protocol.path_files.durations import write_timetable  # noqa: PLC0415
 
                 write_timetable(out, certified.timed.lines())
     return answer_shortened(options, found, certified)

@@ -10,9 +10,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.files import check_files
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
 

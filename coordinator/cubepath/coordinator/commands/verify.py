@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import check_files, file_name, input_path, opened_once
 from cubepath.coordinator.commands.path_options import add_plan_options, hints
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import (
     LOGS_HELP,
     Progress,

@@ -53,13 +53,6 @@ class NumberedPieces(NamedTuple):
     moves: Numbers
 
 
-class NumberedChanges(NamedTuple):
-    """The pieces added to the cube path and those removed from it."""
-
-    added: NumberedPieces
-    removed: NumberedPieces
-
-
 def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
     """Return the level of every move in the normal cube path, and which moves cancel which.
 
@@ -104,10 +97,7 @@ class NumberedHeap:
         self._sites = 0
         self._actions = 0
         self._incidences = 0
-        self._telling = telling
-        self._journal: _Journal | None = _Journal(0) if telling else None
-        # The number of moves when `changes` was last called.
-        self._asked: int | None = None
+        self._journal = _Journal() if telling else None
         if table is not None:
             self.add_actions(table)
 
@@ -263,33 +253,17 @@ class NumberedHeap:
         found = self._heap.pieces
         return _in_order(found[places], numbers, found[places + 1])
 
-    def changes(self) -> NumberedChanges:
-        """Return the changes of the cube path since the last call; at first, all of it.
-
-        Nothing is final: a late move may join the first cube, and a walk back removes everything.
-        Pieces that were added and removed in between are left out. The cost is that of the moves
-        appended since, whatever the length of the path.
-        """
-        journal, since = self._journal, self._asked
-        self._asked = self.moves
-        if not self._telling:
-            self._journal = _Journal(self.moves)
-        if journal is None or since is None:
-            return NumberedChanges(self.pieces(), _in_order(_NONE, _NONE, _NONE))
-        return journal.changes(since)
-
     def normal_form(self) -> NormalForm:
         """Return what became of each move so far; ValueError if the heap is not `telling`."""
-        if not self._telling or self._journal is None:
+        if self._journal is None:
             raise ValueError("the heap was not asked to record what becomes of all moves")
         return self._journal.normal_form()
 
 
 class _Journal:
-    """What became of the moves from a given one on, as the kernel writes it."""
+    """What became of all moves, as the kernel writes it."""
 
-    def __init__(self, first: int) -> None:
-        self._first = first
+    def __init__(self) -> None:
         self._size = 0
         self._actions = self._levels = self._partners = _NONE
 
@@ -302,19 +276,6 @@ class _Journal:
         self._actions[self._size : size] = numbers
         self._size = size
         return self._levels[:size], self._partners[:size]
-
-    def changes(self, since: int) -> NumberedChanges:
-        """Return what the moves from this one on have added and removed."""
-        part = slice(since - self._first, self._size)
-        levels, partners, actions = (
-            each[part] for each in (self._levels, self._partners, self._actions)
-        )
-        added = np.flatnonzero(levels > 0)
-        removed = np.flatnonzero((levels < 0) & (partners < since))
-        return NumberedChanges(
-            _in_order(levels[added], actions[added], (added + since).astype(np.int32)),
-            _in_order(-levels[removed], actions[removed], partners[removed]),
-        )
 
     def normal_form(self) -> NormalForm:
         """Return what became of each move, in arrays that no further move changes."""

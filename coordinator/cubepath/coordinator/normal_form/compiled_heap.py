@@ -29,20 +29,6 @@ from cubepath.protocol.path_files.supports import TRACE, Supports
 _QUEUE = 4096
 
 
-class Piece(NamedTuple):
-    """A piece of the heap: its level, counted from 1, and its move."""
-
-    level: int
-    action: Action
-
-
-class HeapChanges(NamedTuple):
-    """The changes of a cube path: pieces that were added and removed, by level."""
-
-    added: tuple[Piece, ...]
-    removed: tuple[Piece, ...]
-
-
 class Numbering:
     """Numbers sites and actions in the order in which they are met; equal ones share a number."""
 
@@ -267,25 +253,6 @@ class FastHeap:
             )
             yield tuple([labelled.get(move) or actions[number] for number, move in cube])
 
-    def changes(self) -> HeapChanges:
-        """Return the changes of the cube path since the last call; at first, all of it.
-
-        Nothing is final: a late move may join the first cube, and a walk back removes everything.
-        Pieces are sorted by level, and within a level in the order of the path; those that were
-        added and removed in between are left out. A removed piece has the label of the first equal
-        action. The cost is that of the moves appended since, whatever the length of the path.
-
-        >>> heap, step = FastHeap(), Action([1, 2], [1, 2], [1], [2], label="step")
-        >>> heap.append(step)
-        >>> heap.changes()
-        HeapChanges(added=(Piece(level=1, action=Action(step)),), removed=())
-        >>> heap.append(step)
-        >>> heap.changes()
-        HeapChanges(added=(), removed=(Piece(level=1, action=Action(step)),))
-        """
-        added, removed = self._all().changes()
-        return HeapChanges(self._pieces(added), self._pieces(removed))
-
     def normal_form(self) -> NormalForm:
         """Return what became of each move so far; ValueError if the heap is not `telling`.
 
@@ -295,13 +262,6 @@ class FastHeap:
         ([0, 0, 1], [1, 0, -1])
         """
         return self._all().normal_form()
-
-    def _pieces(self, found: NumberedPieces) -> tuple[Piece, ...]:
-        actions, labelled = self._numbering.actions, self._labelled
-        return tuple(
-            Piece(level, labelled.get(move) or actions[number])
-            for level, number, move in zip(*(part.tolist() for part in found), strict=True)
-        )
 
     def _all(self) -> NumberedHeap:
         """Return the heap with all moves in it."""

@@ -32,8 +32,8 @@ from cubepath.coordinator.playback.machine import (
 )
 from cubepath.coordinator.playback.playing import PlayOptions, ReplaySession
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.recordings.recording import Recording, recording_of
 
 _OVER = "the replay is over: expected another Player(...) for another replay"

@@ -55,7 +55,7 @@ from cubepath.coordinator.playback.timeline import (
 )
 from cubepath.coordinator.runs.asking import RunInfo, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.given import real_number, seconds
+from cubepath.protocol.core.options import real_number, seconds
 from cubepath.protocol.core.sites import in_order, to_json
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording

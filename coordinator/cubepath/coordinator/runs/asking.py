@@ -26,7 +26,7 @@ from msgspec.structs import replace
 
 from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.wire.credentials import GUEST, Credentials

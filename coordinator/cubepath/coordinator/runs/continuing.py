@@ -22,8 +22,8 @@ from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
 from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.verification.parameters import RuleStage, spans, stages_text
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.options import whole_number
 from cubepath.protocol.recordings.recording import Recording, recording_of
 
 

@@ -24,7 +24,7 @@ from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import Plan, RunTask, file_name, parameters_of
 from cubepath.coordinator.runs.run_lock import Interrupted, RunLock
 from cubepath.protocol.core.errors import CheckError, CubepathError
-from cubepath.protocol.path_files.schedules import schedule_to_jsonl
+from cubepath.protocol.path_files.durations import schedule_to_jsonl
 from cubepath.protocol.recordings.description import format_of
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.toml import scene_to_toml

@@ -25,8 +25,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.durations import Cubes
 from cubepath.protocol.path_files.numbered import NumberedPath, number_names
-from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.wire.messages import Executed
 
 _encode = msgspec.json.Encoder().encode

@@ -16,7 +16,7 @@ from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
-from cubepath.protocol.path_files.schedules import Cubes
+from cubepath.protocol.path_files.durations import Cubes
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Stopped
 

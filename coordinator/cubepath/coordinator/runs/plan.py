@@ -20,8 +20,7 @@ from cubepath.coordinator.runs.options import SPEED_MAX, RunOptions
 from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.given import real_number, whole_number
-from cubepath.protocol.core.options import check_options
+from cubepath.protocol.core.options import check_options, real_number, whole_number
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -25,7 +25,7 @@ from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Branch, Plan, RunTask, check_topics, task_of as checked
 from cubepath.coordinator.runs.run_lock import RunLock, interrupts
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import function, seconds, whole_number
+from cubepath.protocol.core.options import function, seconds, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.sessions import check_descriptors

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.path_files.schedules import Cubes
+from cubepath.protocol.path_files.durations import Cubes
 from cubepath.protocol.wire.messages import Stopped
 
 

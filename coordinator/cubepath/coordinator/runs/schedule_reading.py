@@ -27,8 +27,8 @@ from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text, to_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.file_forms import form_of
+from cubepath.protocol.path_files.durations import Cubes, by_generator
 from cubepath.protocol.path_files.moves import read_cubes
-from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import read_undamaged
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Stopped

@@ -23,10 +23,9 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.durations import Durations, time_text
+from cubepath.protocol.path_files.durations import Durations, TimedLine, time_text
 from cubepath.protocol.path_files.moves import CubeName, PathMove, known_of_named
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.schedules import TimedLine
 
 
 def certified_path(found: Shortened) -> Certificate:

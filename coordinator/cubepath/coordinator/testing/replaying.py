@@ -17,7 +17,7 @@ from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import function
+from cubepath.protocol.core.options import function
 from cubepath.protocol.wire.free_messages import free_key
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.nodes import Effect, Node

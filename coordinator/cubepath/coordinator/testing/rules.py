@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias, get_args
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.core.options import whole_number
 from cubepath.protocol.wire.keys import topic_in_key
 
 Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]

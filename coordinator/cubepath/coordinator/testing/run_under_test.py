@@ -30,7 +30,7 @@ from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.process_faults import ProcessFaults, Who
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key

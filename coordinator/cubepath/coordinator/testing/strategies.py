@@ -32,7 +32,7 @@ from cubepath.coordinator.testing.checks import check_name, check_seconds, check
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.core.options import whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR
 

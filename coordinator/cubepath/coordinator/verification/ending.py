@@ -25,7 +25,7 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
+from cubepath.protocol.path_files.durations import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Stopped, Summary
 

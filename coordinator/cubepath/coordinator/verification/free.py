@@ -40,7 +40,7 @@ from cubepath.coordinator.verification.results import Derived, concluded, withou
 from cubepath.coordinator.verification.transcript import Fail, check_complete, is_cut_off, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.path_files.durations import schedule_from_jsonl
 from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record

@@ -14,7 +14,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.path_files.jsonl import line_schema, write_lines
+from cubepath.protocol.path_files.moves import write_lines
 
 FORMAT = "cubepath-certificate-1"
 SUFFIX = ".certificate.json"
@@ -100,12 +100,3 @@ def companion(cubes: Path) -> Path:
     'cubes.certificate.json'
     """
     return cubes.with_name(cubes.stem + SUFFIX)
-
-
-def certificate_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a certificate.
-
-    >>> certificate_schema()["type"]
-    'object'
-    """
-    return line_schema(Certificate)

@@ -6,8 +6,6 @@ distinct text of contents becomes an action by the numbers of its sites (`suppor
 that mean the same are the same action however they are written. Whatever is unusual is left to the
 reader of lines, `cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it,
 or that nothing is.
-
-It touches only the file it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -1,19 +1,23 @@
-"""Durations of moves as input: from a file, or as ``NAME=TIME``; see docs/schedules.md.
+"""How long moves take, and schedules: cubes to be executed one per round.
 
-All times are exact: integers and fractions. A decimal number is read as written, never as a binary
-floating-point number.
+Each move is named by its generator and its place. As text, a schedule has the format of a cubes
+file, see docs/files.md. The recording of a run that executed it holds it in this form.
 
-It touches only the files it is given, and knows nothing of scheduling.
+Timetables: when each move begins and how long it takes, one move per line.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from fractions import Fraction
-from typing import TypeAlias, cast
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, cast
+
+import msgspec
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -21,9 +25,13 @@ from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.path_files.moves import MoveName
-
-FORMAT = "cubepath-durations-1"
+from cubepath.protocol.path_files.moves import (
+    CubeLine,
+    CubeName,
+    MoveName,
+    decode_line,
+    write_lines,
+)
 
 Number: TypeAlias = int | str
 """A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
@@ -137,10 +145,18 @@ def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
     return found
 
 
-class _Decimal(str):
-    """A number with a decimal point or an exponent, as written."""
+class _Placed(msgspec.Struct, forbid_unknown_fields=True):
+    generator: str
+    at: Any
+    duration: Any
 
-    __slots__ = ()
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    format: Literal["cubepath-durations-1"]
+    default: Any = 1
+    generators: dict[str, Any] = {}
+    ids: dict[str, Any] = {}
+    moves: list[_Placed] = []
 
 
 def read_durations(source: Source) -> Durations:
@@ -158,16 +174,16 @@ def read_durations(source: Source) -> Durations:
     with opened(source) as file:
         text = file.text()
     try:
-        if file.path.suffix.lower() == ".json":
-            return _durations(_json(text))
-        return _durations(parsed_toml(text, _Decimal))
-    except InputError as error:
+        is_json = file.path.suffix.lower() == ".json"
+        found = _json(text) if is_json else parsed_toml(text, Decimal)
+        return _durations(msgspec.convert(found, _File))
+    except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
 
 def _json(text: str) -> object:
     try:
-        found: object = json.loads(text, parse_float=_Decimal, parse_constant=_Decimal)
+        found: object = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
     except RecursionError:
         raise InputError("lists in lists, nested too deeply") from None
     except ValueError as error:
@@ -176,68 +192,34 @@ def _json(text: str) -> object:
     return found
 
 
-def _durations(document: object) -> Durations:
-    found = _table(document, "", ("format", "default", "generators", "ids", "moves"))
-    if found.get("format") != FORMAT:
-        raise InputError(f"format: found {_shown(found.get('format'))}, expected {FORMAT!r}")
+def _durations(found: _File) -> Durations:
     named: dict[str, Fraction] = {}
-    for kind in ("generators", "ids"):
-        for name, value in _table(found.get(kind, {}), kind).items():
+    for kind, values in (("generators", found.generators), ("ids", found.ids)):
+        for name, value in values.items():
             if name in named:
                 raise InputError(
                     f"{name!r} is among the generators and the ids, expected one of them"
                 )
             named[name] = _duration(value, f"{kind}.{name}")
-    return Durations(_duration(found.get("default", 1), "default"), named, _placed(found))
-
-
-def _placed(found: Mapping[str, object]) -> dict[tuple[str, Site], Fraction]:
-    moves = found.get("moves", [])
-    if not isinstance(moves, list):
-        raise InputError(f"moves: found {_shown(moves)}, expected a list of tables, [[moves]]")
     placed: dict[tuple[str, Site], Fraction] = {}
-    for number, entry in enumerate(cast("list[object]", moves), 1):
-        where = f"moves {number}"
-        keys = ("generator", "at", "duration")
-        move = _table(entry, where, keys)
-        missing = [key for key in keys if key not in move]
-        if missing:
-            raise InputError(f"{where}: no key {missing[0]!r}, expected {', '.join(keys)}")
-        generator = move["generator"]
-        if not isinstance(generator, str) or isinstance(generator, _Decimal):
-            raise InputError(
-                f"{where}.generator: found {_shown(generator)}, expected the name of a generator"
-            )
+    for number, move in enumerate(found.moves, 1):
         try:
-            key = generator, site_from_json(_exact(move["at"]))
+            key = move.generator, site_from_json(_exact(move.at))
         except InputError as error:
-            raise InputError(f"{where}.at: {error}") from None
+            raise InputError(f"moves {number}.at: {error}") from None
         if key in placed:
-            raise InputError(f"{where}: generator {generator!r} at {move['at']} comes twice")
-        placed[key] = _duration(move["duration"], f"{where}.duration")
-    return placed
-
-
-def _table(found: object, where: str, keys: tuple[str, ...] | None = None) -> dict[str, object]:
-    """Return `found` as a table; with `keys`, it may have no others."""
-    if not isinstance(found, dict):
-        at = f"{where}: " if where else ""
-        raise InputError(f"{at}found {_shown(found)}, expected a table")
-    table = cast("dict[str, object]", found)
-    for key in table if keys is not None else ():
-        if key not in (known := keys or ()):
-            at = f"{where}: " if where else ""
-            near = did_you_mean(key, known)
-            raise InputError(f"{at}unknown key {key!r}{near}, expected {', '.join(known)}")
-    return table
+            where = f"moves {number}: generator {move.generator!r} at {move.at}"
+            raise InputError(f"{where} comes twice")
+        placed[key] = _duration(move.duration, f"moves {number}.duration")
+    return Durations(_duration(found.default, "default"), named, placed)
 
 
 def _duration(value: object, where: str) -> Fraction:
-    if isinstance(value, bool) or not isinstance(value, int | str):
+    if isinstance(value, bool) or not isinstance(value, int | str | Decimal):
         expected = "expected a number such as 2, 1.5 or 3/2"
-        raise InputError(f"{where}: found {_shown(value)}, {expected}")
+        raise InputError(f"{where}: found {value!r}, {expected}")
     try:
-        return duration_from(value)
+        return duration_from(str(value))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -246,15 +228,93 @@ def _exact(value: object) -> object:
     """Return a place with its decimals as floats."""
     if isinstance(value, list):
         return [_exact(each) for each in cast("list[object]", value)]
-    return float(value) if isinstance(value, _Decimal) else value
+    return float(value) if isinstance(value, Decimal) else value
 
 
-def _shown(value: object) -> str:
-    """Return a text for what was found: a table or a list as such, all else as written."""
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, list):
-        return "a list"
-    if value is None:
-        return "nothing"
-    return str(value).lower() if isinstance(value, bool) else repr(value)[:60]
+Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
+"""The cubes of a schedule; the first is for round 1."""
+OwnMoves: TypeAlias = Mapping[int, GeneratorPlacement]
+"""A module's own part of a schedule: by round, the move of which it is the mover."""
+
+_encoder = msgspec.json.Encoder()
+_decoder = msgspec.json.Decoder(CubeLine)
+
+
+def schedule_to_jsonl(cubes: Iterable[Iterable[GeneratorPlacement]]) -> bytes:
+    """Return a schedule as text, one cube per line."""
+    return _encoder.encode_lines(CubeLine(list(cube)) for cube in cubes)
+
+
+def schedule_from_jsonl(text: bytes) -> Cubes:
+    """Read a schedule from text; InputError if a line is no cube of moves by generator."""
+    try:
+        lines = _decoder.decode_lines(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"no schedule: {error}") from None
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            check_keys(line)
+        except InputError as error:
+            raise InputError(f"no schedule: line {number}: {error}") from None
+    return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
+
+
+def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlacement, ...]:
+    """Return the moves of a cube; InputError if one is named by an id, or is at no site.
+
+    `number` is the number of the cube, for the error.
+    """
+    found: list[GeneratorPlacement] = []
+    for move in moves:
+        if not isinstance(move, GeneratorPlacement):
+            named = msgspec.json.encode(move).decode()
+            raise InputError(
+                f"cube {number}: move {named} is named by an id, expected generator and place:"
+                " a module has to know what to do"
+            )
+        try:
+            site_from_json(move.at)
+        except InputError as error:
+            raise InputError(f"cube {number}: {error}") from None
+        found.append(move)
+    return tuple(found)
+
+
+class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A line of a timetable: when a move begins, how long it takes, and how it is written."""
+
+    start: Number
+    duration: Number
+    move: CubeName
+
+
+_line = msgspec.json.Decoder(TimedLine).decode
+
+
+def read_timetable(source: Source) -> Iterator[TimedLine]:
+    """Yield the lines of a timetable; InputError, with file and line, at the first invalid one.
+
+    >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left")])
+    >>> for line in read_timetable("times.jsonl"):
+    ...     print(line.start, line.duration, line.move)
+    0 3/2 left
+    """
+    with opened(source) as file:
+        for number, line in file.numbered_lines():
+            try:
+                found = decode_line(_line, line, 'the keys "start", "duration" and "move"')
+                time_from(found.start)
+                duration_from(found.duration)
+            except InputError as error:
+                raise InputError(f"{file.path}:{number}: {error}") from None
+            yield found
+
+
+def write_timetable(path: Path | str, lines: Iterable[TimedLine]) -> None:
+    """Write a timetable, complete or not at all; InputError if it cannot be written.
+
+    >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left"), TimedLine("3/2", 1, "right")])
+    >>> [(each.start, each.move) for each in read_timetable("times.jsonl")]
+    [(0, 'left'), ('3/2', 'right')]
+    """
+    write_lines(path, lines)

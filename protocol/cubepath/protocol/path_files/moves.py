@@ -4,8 +4,6 @@ Both are JSON Lines, read as a stream and refused with file, line and reason; se
 moves file has one move per line, all in one of two forms: ``{"generator", "at"}`` for a system, or
 self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file has one cube per
 line, ``{"moves": [...]}``.
-
-It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import msgspec
 
@@ -21,9 +19,45 @@ from cubepath.protocol.core.actions import Action, apply_in_place, end_at
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.output_files import written_whole
+from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
+
+_Line = TypeVar("_Line")
+_encode = msgspec.json.Encoder().encode
+
+
+def decode_line(
+    decode: Callable[[bytes], _Line],
+    line: bytes,
+    keys: str,
+    least: Callable[[_Line], int] = lambda _: 1,
+) -> _Line:
+    """Return a decoded line; InputError says what was found and the expected `keys`.
+
+    `least` returns how many keys a line with this content has at least, see `check_keys`.
+    """
+    try:
+        found = decode(line)
+        check_keys(line, least(found))
+    except msgspec.ValidationError as error:
+        raise InputError(f"{error}; a line has {keys}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"found no whole JSON object, expected one a line: {error}") from None
+    return found
+
+
+def write_lines(path: Path | str, lines: Iterable[object]) -> None:
+    """Write one JSON document per line; afterwards the file is complete, or unchanged.
+
+    Raises InputError if it cannot be written; other errors of `lines` propagate, see
+    `written_whole`.
+    """
+    with written_whole(path) as stream:
+        for line in lines:
+            stream.write(_encode(line) + b"\n")
+
 
 MoveName: TypeAlias = str | int | GeneratorPlacement
 """How a move is written: its id, or its generator and where that is placed."""
@@ -41,7 +75,6 @@ CubeName: TypeAlias = MoveName | NumberedId
 """How a move is written in a cubes file: as in its input, with its number where that is not enough.
 """
 
-_encode = msgspec.json.Encoder().encode
 # Part of the extra site that stands for the name of a move of which only support and trace are
 # known. No file has a reason to name a site like this; if one did, some moves would merely not
 # commute.
@@ -190,18 +223,6 @@ def write_cubes(path: Path | str, cubes: Iterable[Iterable[CubeName]]) -> None:
     (14, 'pivot-2-right')
     """
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
-
-
-def move_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas (2020-12) of the two forms of a line in a moves file, by name."""
-    contents = line_schema(ContentsLine)
-    contents["dependentRequired"] = {"before": ["after"], "after": ["before"]}
-    return {"generator": line_schema(GeneratorLine), "contents": contents}
-
-
-def cube_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a line of a cubes file."""
-    return line_schema(CubeLine)
 
 
 class _Form(NamedTuple):

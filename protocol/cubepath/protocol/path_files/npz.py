@@ -3,8 +3,6 @@
 docs/files.md describes each array. Nothing in such a file is code: it is read without pickles, and
 its content is checked before it is used.
 
-It touches only the files it is given, and knows nothing of shortening.
-
 The table of actions of a binary file, from and to the arrays in which paths are checked.
 
 Of each action the file lists the sites of its support, its trace and its two local states, as

@@ -3,8 +3,6 @@
 This is how a path of a million moves is read. A line by generator that was seen before
 costs one lookup in a dict. Self-contained lines are read straight into arrays, see
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
-
-It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Writing a path as lines: each action is encoded once for each of its two directions.
 
 The lines of self-contained moves are put together from the texts of their sites, without an action.
-
-It touches only the file it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations

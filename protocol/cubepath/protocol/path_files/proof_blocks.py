@@ -3,8 +3,6 @@
 After a first line come blocks: a line with name, length and CRC-32, so many bytes (zstd), and a
 line end; the last line has the number of blocks and the SHA-256 of all before it. So any changed
 byte is refused with the block that holds it and the place where that begins. See docs/proofs.md.
-
-It touches only the files that it is given.
 """
 
 from __future__ import annotations

@@ -17,45 +17,27 @@ each side.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import (
     Cell,
     ImportedPath,
     PlanRequest,
-    VehiclePlan,
     decode_file,
     no_system,
     only,
     text,
 )
-from cubepath.protocol.plans.vehicles import (
-    Vehicles,
-    fits,
-    moves_of_rounds,
-    off_targets,
-    vehicles_scene,
-)
+from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.graphs import Graph, graph_round
 
-_T = TypeVar("_T")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
-_MIRRORED = {
-    "N and S exchanged, y downwards": {**_DIRECTIONS, "N": (0, -1), "S": (0, 1)},
-    "W and E exchanged, x leftwards": {**_DIRECTIONS, "W": (1, 0), "E": (-1, 0)},
-    "x and y exchanged": {letter: (y, x) for letter, (x, y) in _DIRECTIONS.items()},
-}
-"""Other readings of the directions that a plan may have been written with."""
 
 
 class _Instance(msgspec.Struct):
@@ -77,40 +59,23 @@ def read_cgshop2021(request: PlanRequest) -> ImportedPath:
     companion = only(request, "instance")
     instance, solution = _pair(request, companion)
     obstacles = frozenset(instance.obstacles)
-
-    def is_free(cell: Cell) -> bool:
-        return cell not in obstacles
-
-    graph = partial(_graph, companion, instance, solution)
     try:
-        vehicles = Vehicles(instance.starts, is_free, called="robot")
+        vehicles = Vehicles(instance.starts, lambda cell: cell not in obstacles, called="robot")
     except InputError as error:
         raise InputError(f"{companion}: {error}") from None
-
-    def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
-        for number, step in enumerate(solution.steps):
-            try:
-                yield go(_targets(step, vehicles.at))
-            except InputError as error:
-                mirrored = _mirrored(instance, solution, is_free)
-                raise InputError(f"{path}: steps[{number}], {error}{mirrored}") from None
-
-    def unsolved() -> str | None:
-        off = off_targets(vehicles.at, instance.targets, "robot")
-        return None if off is None else f"{off}{_mirrored(instance, solution, is_free)}"
-
-    def scene() -> Scene:
-        return vehicles_scene(str(path), graph(), instance.starts, instance.targets)
-
-    def plan() -> VehiclePlan:
-        moves = moves_of_rounds(made(vehicles.turn))
-        rounds, edges = len(solution.steps), lambda: graph().edges
-        starts = tuple(instance.starts)
-        return VehiclePlan(path, starts, moves, rounds, "robot", edges, unsolved())
-
-    moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
-    rounds = len(solution.steps)
-    return ImportedPath(moves, rounds, scene, labelled_goals=True, unsolved=unsolved, vehicles=plan)
+    rounds = (
+        (f"{path}: steps[{number}]", partial(_targets, step, vehicles.at))
+        for number, step in enumerate(solution.steps)
+    )
+    return planned_path(
+        path,
+        vehicles,
+        rounds,
+        count=len(solution.steps),
+        graph=partial(_graph, companion, instance, solution),
+        goals=instance.targets,
+        unsolved=lambda: off_targets(vehicles.at, instance.targets, "robot"),
+    )
 
 
 def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
@@ -140,23 +105,7 @@ def _pair(request: PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
     return instance, solution
 
 
-def _mirrored(instance: _Instance, solution: _Solution, is_free: Callable[[Cell], bool]) -> str:
-    """Return which directions would make a plan solve its instance, for the end of a line."""
-    for how, directions in _MIRRORED.items():
-
-        def rounds(
-            vehicles: Vehicles, directions: Mapping[str, Cell] = directions
-        ) -> Iterator[Mapping[int, Cell]]:
-            return (_targets(step, vehicles.at, directions) for step in solution.steps)
-
-        if fits(instance.starts, is_free, rounds, instance.targets):
-            return f"; it solves the instance with {how}"
-    return ""
-
-
-def _targets(
-    step: Mapping[str, str], at: Sequence[Cell], directions: Mapping[str, Cell] = _DIRECTIONS
-) -> dict[int, Cell]:
+def _targets(step: Mapping[str, str], at: Sequence[Cell]) -> dict[int, Cell]:
     """Return where the robots of a step go, by number; `at` is where each robot is."""
     found: dict[int, Cell] = {}
     for name, letter in step.items():
@@ -168,6 +117,6 @@ def _targets(
         if who in found:
             raise InputError(f"robot {who} is named twice, expected once")
         x, y = at[who]
-        dx, dy = directions[letter]
+        dx, dy = _DIRECTIONS[letter]
         found[who] = (x + dx, y + dy)
     return dict(sorted(found.items()))

@@ -38,36 +38,25 @@ Planners let an agent follow another into a cell; see `cubepath.protocol.plans.v
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set as AbstractSet
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
-from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import (
     Cell,
     ImportedPath,
     PlanRequest,
-    VehiclePlan,
     decode_file,
     no_system,
     text,
 )
-from cubepath.protocol.plans.vehicles import (
-    Vehicles,
-    fits,
-    moves_of_rounds,
-    off_targets,
-    vehicles_scene,
-)
+from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
-_T = TypeVar("_T")
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
 _CELLS = re.compile(r"(\([0-9]{1,9},[0-9]{1,9}\),)*(\([0-9]{1,9},[0-9]{1,9}\))?")
 _PATH = re.compile(r"\s*[Aa]gent\s+([0-9]{1,9})\s*:\s*(.*?)\s*(?:->)?\s*")
@@ -93,20 +82,20 @@ class _Plan:
         """Return the planner's number of rounds, up to the end of the longest path."""
         return max((len(path) for path in self.paths), default=1) - 1
 
-    def rounds(self) -> Iterator[dict[int, Cell]]:
+    def rounds(self) -> Iterator[Callable[[], dict[int, Cell]]]:
         """Yield, for each timestep from 1 on, where the agents go whose paths have not ended."""
         for step in range(1, self.steps + 1):
-            yield {
-                who: planned[step] for who, planned in enumerate(self.paths) if step < len(planned)
-            }
+            yield partial(self._targets, step)
 
-    def with_cells(self, put: Callable[[Cell], Cell], *, paths_alone: bool = False) -> _Plan:
-        """Return the plan with other cells, those of `starts` and `goals` too unless told so."""
-        paths = [list(map(put, path)) for path in self.paths]
-        if paths_alone:
-            return replace(self, paths=paths)
+    def _targets(self, step: int) -> dict[int, Cell]:
+        return {who: cells[step] for who, cells in enumerate(self.paths) if step < len(cells)}
+
+    def turned(self) -> _Plan:
+        """Return the plan with the two numbers of each cell exchanged."""
+        paths = [list(map(_turned, path)) for path in self.paths]
         starts, goals = (
-            None if cells is None else list(map(put, cells)) for cells in (self.starts, self.goals)
+            None if cells is None else list(map(_turned, cells))
+            for cells in (self.starts, self.goals)
         )
         return replace(self, paths=paths, starts=starts, goals=goals)
 
@@ -114,11 +103,6 @@ class _Plan:
 def _turned(cell: Cell) -> Cell:
     """Return a cell with its two numbers exchanged."""
     return (cell[1], cell[0])
-
-
-def _flipped(height: int, cell: Cell) -> Cell:
-    """Return a cell with rows counted from the other side; the last one is `height`."""
-    return (cell[0], height - cell[1])
 
 
 def read_log(request: PlanRequest) -> ImportedPath:
@@ -244,45 +228,25 @@ def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
     no_system(request, "a plan on a map")
     graph, starts, goals = _beside(request, plan)
     free = cast("frozenset[Cell]", frozenset(graph.vertices))  # vertices of a map are cells
-    as_written = plan
     plan = _in_order(request, plan, order, free, starts)
-
-    def mirrored() -> str:
-        other = "rc" if plan is as_written else "xy"
-        return _mirrored(plan, other, free, starts, goals)
-
     first = [planned[0] for planned in plan.paths]
     try:
         _check_starts(first, plan.starts, starts or ())
         vehicles = Vehicles(first, free.__contains__, called="agent")
     except InputError as error:
-        raise InputError(f"{path}: {error}{mirrored()}") from None
-
-    def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
-        for step, targets in enumerate(plan.rounds(), 1):
-            try:
-                yield go(targets)
-            except InputError as error:
-                where = f"{path}:{plan.lines[step]}" if plan.lines else f"{path}"
-                raise InputError(f"{where}: timestep {step}, {error}{mirrored()}") from None
-
+        raise InputError(f"{path}: {error}") from None
     known = plan.goals if goals is None else goals[: len(first)]
-
-    def scene() -> Scene:
-        return vehicles_scene(str(path), graph, first, known)
-
-    def unsolved() -> str | None:
-        off = None if known is None else off_targets(vehicles.at, known, "agent")
-        return None if off is None else f"{off}{mirrored()}"
-
-    def vehicle_plan() -> VehiclePlan:
-        turned = moves_of_rounds(made(vehicles.turn))
-        edges = lambda: graph.edges  # noqa: E731 - as the other formats, which build them late
-        return VehiclePlan(path, tuple(first), turned, plan.steps, "agent", edges, unsolved())
-
-    moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
-    return ImportedPath(
-        moves, plan.steps, scene, labelled_goals=True, unsolved=unsolved, vehicles=vehicle_plan
+    return planned_path(
+        path,
+        vehicles,
+        (
+            (f"{path}{f':{plan.lines[step]}' if plan.lines else ''}: timestep {step}", targets)
+            for step, targets in enumerate(plan.rounds(), 1)
+        ),
+        count=plan.steps,
+        graph=lambda: graph,
+        goals=known,
+        unsolved=lambda: None if known is None else off_targets(vehicles.at, known, "agent"),
     )
 
 
@@ -296,46 +260,6 @@ def _check_starts(
             raise InputError(
                 f"agent {number} starts at {text(found)}, in the scenario at {text(start)}"
             )
-
-
-def _mirrored(
-    plan: _Plan,
-    other: str,
-    free: AbstractSet[Cell],
-    starts: Sequence[Cell] | None,
-    goals: Sequence[Cell] | None,
-) -> str:
-    """Return how a plan's cells would fit, for the end of a line; `other` is the other order."""
-    rows = {y for _, y in free}
-    ways: list[tuple[str, str, Callable[[Cell], Cell]]] = [
-        ("x and y exchanged", f", order={other}", _turned)
-    ]
-    # A border of obstacles is equally thick on both sides, or is missing below the last free row.
-    heights = sorted({min(rows) + max(rows), max(rows)})
-    ways += [("y counted from the bottom of the map", "", partial(_flipped, h)) for h in heights]
-    for how, option, put in ways:
-        if _fits(plan.with_cells(put), free, starts, goals):
-            return f"; it fits with {how}{option}"
-        # The starts and goals of a log may be written in another way than its solution.
-        if _fits(plan.with_cells(put, paths_alone=True), free, starts, goals):
-            return f"; it fits with {how} in the solution alone"
-    return ""
-
-
-def _fits(
-    plan: _Plan,
-    free: AbstractSet[Cell],
-    starts: Sequence[Cell] | None,
-    goals: Sequence[Cell] | None,
-) -> bool:
-    """Return whether a plan is legal on a map and agrees with the scenario, if there is one."""
-    first = [planned[0] for planned in plan.paths]
-    if plan.starts is not None and first != plan.starts:
-        return False
-    if starts is not None and first != list(starts[: len(first)]):
-        return False
-    known = plan.goals if goals is None else goals[: len(first)]
-    return fits(first, free.__contains__, lambda _: plan.rounds(), known)
 
 
 def _beside(
@@ -402,8 +326,8 @@ def _in_order(
     if order not in (*_ORDERS, ""):
         raise InputError(f"order={order}: expected xy or rc, for {' or '.join(_ORDERS.values())}")
     if order:
-        return plan if order == "xy" else plan.with_cells(_turned)
-    readings = [plan, plan.with_cells(_turned)]
+        return plan if order == "xy" else plan.turned()
+    readings = [plan, plan.turned()]
     if starts is not None:
         firsts = [[planned[0] for planned in each.paths] for each in readings]
         fits = [first == list(starts[: len(first)]) for first in firsts]

@@ -12,7 +12,10 @@ its plan ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import TypeVar
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -20,10 +23,11 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Cell, VehicleMove, text
+from cubepath.protocol.plans.imported import Cell, ImportedPath, VehicleMove, VehiclePlan, text
 from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
 
+_T = TypeVar("_T")
 Turned = tuple[int, Cell, Cell]
 """A vehicle, and the cells that it leaves and enters in a round."""
 
@@ -36,9 +40,11 @@ class Vehicles:
     ) -> None:
         """Put every vehicle on its start; InputError if two share one or it is not free."""
         self.at = list(starts)
+        """Where each vehicle is."""
         self._is_free = is_free
-        self._called = called
-        self._on: dict[Cell, int] = {}
+        self.called = called
+        self.on: dict[Cell, int] = {}
+        """Which vehicle is on a cell."""
         self._actions: dict[tuple[Site, ...], Action] = {}
         self._made: dict[tuple[Cell, Cell], PathMove] = {}
         for number, cell in enumerate(starts):
@@ -46,7 +52,7 @@ class Vehicles:
                 raise InputError(
                     f"{called} {number} starts at {text(cell)}, an obstacle or outside"
                 )
-            other = self._on.setdefault(cell, number)
+            other = self.on.setdefault(cell, number)
             if other != number:
                 raise InputError(f"{called} {other} and {called} {number} start at {text(cell)}")
 
@@ -71,17 +77,17 @@ class Vehicles:
         order += [who for ring in rings for who in ring]
         moves = [(who, self.at[who], movers[who]) for who in order]
         for _, source, _ in moves:
-            del self._on[source]
+            del self.on[source]
         for who, _, cell in moves:
             self.at[who] = cell
-            self._on[cell] = who
+            self.on[cell] = who
         return moves
 
     def _round(
         self, targets: Mapping[int, Cell]
     ) -> tuple[dict[int, Cell], list[int], list[list[int]]]:
         """Return who moves where, those that have an order in it, and those that rotate."""
-        at, on, is_free = self.at, self._on, self._is_free
+        at, on, is_free = self.at, self.on, self._is_free
         movers = {who: cell for who, cell in targets.items() if cell != at[who]}
         into: dict[Cell, int] = {}
         for who, cell in movers.items():
@@ -125,37 +131,37 @@ class Vehicles:
             raise InputError("no edge of the grid, expected a step to a neighbouring cell")
         if not self._is_free(cell):
             raise InputError(f"{text(cell)} is an obstacle or outside, expected free")
-        there = self._on.get(cell)
+        there = self.on.get(cell)
         if there is not None and there not in movers:
             raise InputError(
-                f"{text(cell)} is occupied by {self._called} {there}, which stays: expected it"
+                f"{text(cell)} is occupied by {self.called} {there}, which stays: expected it"
                 " empty or left in this round"
             )
         if there is not None and movers[there] == self.at[who]:
             raise InputError(
-                f"{self._called} {there} comes the other way: expected no two to swap places"
+                f"{self.called} {there} comes the other way: expected no two to swap places"
             )
         if cell in into:
-            raise InputError(f"{self._called} {into[cell]} enters {text(cell)} too, expected one")
+            raise InputError(f"{self.called} {into[cell]} enters {text(cell)} too, expected one")
 
     def _no_order(self, movers: Mapping[int, Cell], ring: Sequence[int]) -> str:
         first, *others = ring
         cycle = [first, *reversed(others)]
         who = f"{', '.join(map(str, cycle[:-1]))} and {cycle[-1]}"
         return (
-            f"{self._move(first, movers[first])}: {self._called}s {who} rotate, each into the cell"
+            f"{self._move(first, movers[first])}: {self.called}s {who} rotate, each into the cell"
             " that the next one leaves: expected one of these cells to be empty, or no order of"
             " their moves is legal; --following mapf is for plans that rotate"
         )
 
     def _move(self, who: int, cell: Cell) -> str:
-        return f"{self._called} {who}, {text(self.at[who])} to {text(cell)}"
+        return f"{self.called} {who}, {text(self.at[who])} to {text(cell)}"
 
     def _make(self, who: int, cell: Cell) -> PathMove:
         source = self.at[who]
         self.at[who] = cell
-        del self._on[source]
-        self._on[cell] = who
+        del self.on[source]
+        self.on[cell] = who
         made = self._made.get((source, cell))
         if made is None:
             # Cells are pairs of numbers, whose own order is the canonical one.
@@ -165,15 +171,6 @@ class Vehicles:
             made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
             self._made[source, cell] = made
         return made
-
-
-def moves_of_rounds(rounds: Iterable[Iterable[Turned]]) -> tuple[VehicleMove, ...]:
-    """Return the moves of all rounds, each as `Vehicles.turn` returns them."""
-    return tuple(
-        VehicleMove(who, source, target, number)
-        for number, turned in enumerate(rounds, 1)
-        for who, source, target in turned
-    )
 
 
 def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str | None:
@@ -189,25 +186,6 @@ def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str
     )
 
 
-def fits(
-    starts: Sequence[Cell],
-    is_free: Callable[[Cell], bool],
-    rounds: Callable[[Vehicles], Iterable[Mapping[int, Cell]]],
-    targets: Sequence[Cell] | None,
-) -> bool:
-    """Return whether all rounds are legal and end at the targets, if there are any.
-
-    `rounds` is called with the vehicles, and yields each round after the previous one was made.
-    """
-    try:
-        vehicles = Vehicles(starts, is_free, called="vehicle")
-        for each in rounds(vehicles):
-            vehicles.go(each)
-    except InputError:
-        return False
-    return targets is None or vehicles.at == list(targets)
-
-
 def vehicles_scene(
     spec: str, graph: Graph, starts: Sequence[Site], goals: Sequence[Site] | None
 ) -> Scene:
@@ -219,4 +197,47 @@ def vehicles_scene(
         start=tuple(starts),
         goal=None if goals is None else frozenset(goals),
         goals=() if goals is None else tuple((goal,) for goal in goals),
+    )
+
+
+def planned_path(
+    path: Path,
+    vehicles: Vehicles,
+    rounds: Iterable[tuple[str, Callable[[], Mapping[int, Cell]]]],
+    *,
+    count: int | None,
+    graph: Callable[[], Graph],
+    goals: Sequence[Cell] | None,
+    unsolved: Callable[[], str | None],
+) -> ImportedPath:
+    """Return a plan by its rounds, each with where it stands in the file, and who goes where in it.
+
+    The latter is asked for when the rounds before have been made. `count` is the planner's number
+    of rounds, None if each round is a move and the plan does not say more.
+    """
+    starts = tuple(vehicles.at)
+
+    def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
+        for where, targets in rounds:
+            try:
+                yield go(targets())
+            except InputError as error:
+                raise InputError(f"{where}, {error}") from None
+
+    def plan() -> VehiclePlan:
+        moves = tuple(
+            VehicleMove(who, source, target, None if count is None else number)
+            for number, turned in enumerate(made(vehicles.turn), 1)
+            for who, source, target in turned
+        )
+        edges = lambda: graph().edges  # noqa: E731 - built late, which can take long
+        return VehiclePlan(path, starts, moves, count, vehicles.called, edges, unsolved())
+
+    return ImportedPath(
+        chain.from_iterable(made(vehicles.go)),
+        count,
+        lambda: vehicles_scene(str(path), graph(), starts, goals),
+        labelled_goals=True,
+        unsolved=unsolved,
+        vehicles=plan,
     )

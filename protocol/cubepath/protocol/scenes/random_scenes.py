@@ -28,7 +28,7 @@ from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Cell, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.family import Values, whole
+from cubepath.protocol.scenes.registry import Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.graphs import Graph
 from cubepath.protocol.systems.point_sets import Edge

@@ -12,8 +12,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.parsing import all_values, given_values
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.family import Family
-from cubepath.protocol.scenes.registry import contradiction, family_named, sound_family
+from cubepath.protocol.scenes.registry import Family, contradiction, family_named, sound_family
 from cubepath.protocol.scenes.toml import read_scene
 
 

@@ -24,7 +24,7 @@ from cubepath.coordinator.theory.proof_checking.following_proof import (
     check_fewest_rounds,
 )
 from cubepath.protocol.core.errors import CheckError
-from cubepath.protocol.path_files.following_proofs import (
+from cubepath.protocol.path_files.following import (
     FollowingProof,
     read_following_proof,
     write_following_proof,

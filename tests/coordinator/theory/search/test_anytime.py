@@ -27,8 +27,7 @@ from cubepath.coordinator.theory.search.vehicle_lns import Replanner
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import write_lines
-from cubepath.protocol.path_files.moves import read_cubes
+from cubepath.protocol.path_files.moves import read_cubes, write_lines
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import scenario_from_json
 from samples.strategies import random_walk, scene, walks

@@ -21,7 +21,7 @@ from cubepath.coordinator.theory.search.lower_bounds import lower_bound, module_
 from cubepath.coordinator.theory.search.transitions import Transitions, only_class
 from cubepath.coordinator.theory.search.windows import WindowSearch
 from cubepath.protocol.core.sites import in_order
-from cubepath.protocol.path_files.jsonl import write_lines
+from cubepath.protocol.path_files.moves import write_lines
 from samples.strategies import random_walk, scene
 
 SPEC = "agv:graph=grid6x6,n=6"

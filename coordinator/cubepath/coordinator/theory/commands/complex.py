@@ -7,9 +7,16 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, SYSTEM_HELP, answer, complain, table
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    SYSTEM_HELP,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.files import Output, check_files, output_path
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted

@@ -10,10 +10,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from cubepath.coordinator.commands.console import answer, table
+from cubepath.coordinator.commands.console import answer, progress_bar, table
 from cubepath.coordinator.commands.files import Output, check_files, file_name, none_written
 from cubepath.coordinator.commands.path_options import duration_file, given_durations, hints, solved
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.verify import answer_checks
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
         FollowingRefutation,
     )
     from cubepath.coordinator.theory.proof_checking.optimality import ClaimedRefutation, ProofResult
-    from cubepath.protocol.path_files.following import FollowingFile, FollowingHead
-    from cubepath.protocol.path_files.following_proofs import FollowingProof
+    from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingProof
     from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
     from cubepath.protocol.plans.imported import VehiclePlan
 
@@ -105,7 +103,7 @@ def write_fewest(
 ) -> list[tuple[str, object]]:
     """Write what was proved, if that is asked for; return the line of the summary."""
     from cubepath.coordinator.theory.following.files import fewest_rounds_proof  # noqa: PLC0415
-    from cubepath.protocol.path_files.following_proofs import write_following_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import write_following_proof  # noqa: PLC0415
 
     if options.proof is None:
         return []
@@ -130,7 +128,7 @@ def claimed_following(
 ) -> ClaimedProof:
     """Return what a proof about vehicles claims; CheckError for what already does not hold."""
     from cubepath.coordinator.theory.proof_checking.following_proof import FollowingRefutation  # noqa: PLC0415
-    from cubepath.protocol.path_files.following_proofs import read_following_proof  # noqa: PLC0415
+    from cubepath.protocol.path_files.following import read_following_proof  # noqa: PLC0415
 
     proof = read_following_proof(file)
     refutation = FollowingRefutation(proof, tell)

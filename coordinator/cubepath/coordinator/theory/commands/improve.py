@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.commands.console import progress_bar
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
     Output,
@@ -18,7 +19,6 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.path_options import add_durations, add_plan_options
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.shorten import (
     MoreResults,
     add_path_options,

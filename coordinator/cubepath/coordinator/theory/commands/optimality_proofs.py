@@ -9,10 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.path_options import hints
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.theory.commands.following import (
     CLAUSES,
     LOG,

@@ -16,8 +16,12 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of, read_plan
 from cubepath.protocol.path_files.durations import time_text
-from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingLine
-from cubepath.protocol.path_files.following_proofs import FollowingProof
+from cubepath.protocol.path_files.following import (
+    FollowingFile,
+    FollowingHead,
+    FollowingLine,
+    FollowingProof,
+)
 from cubepath.protocol.plans.imported import VehiclePlan
 
 _EXPECTED = (

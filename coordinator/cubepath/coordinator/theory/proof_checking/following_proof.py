@@ -25,8 +25,7 @@ from cubepath.coordinator.theory.proof_checking.unit_propagation import Refuter,
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.path_files.following import FollowingLine
-from cubepath.protocol.path_files.following_proofs import FollowingProof
+from cubepath.protocol.path_files.following import FollowingLine, FollowingProof
 from cubepath.protocol.plans.imported import VehiclePlan
 
 AT, GOES, UP_TO = range(3)

@@ -8,10 +8,9 @@ from __future__ import annotations
 import argparse
 import re
 
-from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import check_files, file_name, input_path
 from cubepath.coordinator.commands.path_options import add_plan_options, hints
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import more_options
 from cubepath.protocol.core.errors import InputError
 

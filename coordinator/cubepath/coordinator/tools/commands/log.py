@@ -15,7 +15,15 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import DONE, FAILED, INTERRUPTED, answer, complain, table
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.coordinator.commands.files import (
     Output,
     check_files,
@@ -23,7 +31,6 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import add_fields, more_options, number, whole
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError

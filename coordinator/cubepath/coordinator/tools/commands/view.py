@@ -12,10 +12,9 @@ from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from cubepath.coordinator.commands.console import DONE, answer, complain
+from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.path_options import INPUT_HELP, add_plan_options, hints, solved
-from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.live import (
     add_connect_options,

@@ -35,7 +35,7 @@ from cubepath.coordinator.tools.recorder.recorder import guest_at
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.scenes.toml import scene_from_toml

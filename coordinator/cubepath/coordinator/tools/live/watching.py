@@ -21,7 +21,7 @@ from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.given import real_number, whole_number
+from cubepath.protocol.core.options import real_number, whole_number
 
 Order: TypeAlias = Literal["pause", "resume", "step", "rate"]
 ORDERS: tuple[Order, ...] = get_args(Order)

@@ -33,7 +33,7 @@ from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimit
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
-from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.options import seconds
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.wire.credentials import GUEST, Credentials, is_private
 from cubepath.protocol.wire.keys import everything

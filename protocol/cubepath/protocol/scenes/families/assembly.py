@@ -27,7 +27,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.words import lettered_scene
-from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.scenes.registry import Family, Values, whole
 from cubepath.protocol.systems.listed import TabledSystem
 
 Part = tuple[int, int]

@@ -10,8 +10,187 @@ from collections.abc import Sequence
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.scenes.registry import Family, Values, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
+
+_FLOOR, _LINE, _CEILING = 0, 1, 3
+_MARGIN = 1
+"""Columns of the channel to the left of the start and to the right of the goal."""
+
+
+def tunnel_catalogue() -> Catalogue:
+    """Return the six pivots: along the rows from the first catalogue, across from the second."""
+    along = hex_catalogue(keeps_topology=True).generators
+    across = hex_catalogue(keeps_topology=False).generators
+    return Catalogue(
+        HEXAGONS,
+        tuple(
+            one if one.name.startswith("pivot-0-") else other
+            for one, other in zip(along, across, strict=True)
+        ),
+    )
+
+
+def _row(number: int, columns: range) -> tuple[Cell, ...]:
+    """Return the cells of an upright row in these columns."""
+    return tuple((column - number // 2, number) for column in columns)
+
+
+def _tunnel(name: str, values: Values) -> Scene:
+    """Build the channel with the line at its left end; the goal is the line at its right end."""
+    count = whole(values, "n", least=1)
+    long = 2 * (count + _MARGIN)
+    if values["length"] != "auto":
+        long = whole(values, "length", least=count + 2 * _MARGIN + 1)
+    catalogues = {
+        "mixed": tunnel_catalogue(),
+        "1": hex_catalogue(keeps_topology=True),
+        "2": hex_catalogue(keeps_topology=False),
+    }
+    if values["catalogue"] not in catalogues:
+        raise InputError(f"catalogue={values['catalogue']}: expected one of mixed, 1, 2")
+    rows = [_row(number, range(long)) for number in range(_CEILING + 1)]
+    line = rows[_LINE]
+    goal = line[long - _MARGIN - count : long - _MARGIN]
+    return Scene(
+        spec=name,
+        family=name,
+        system=LatticeSystem(
+            catalogues[values["catalogue"]],
+            workspace=[cell for row in rows for cell in row],
+            filled=rows[_FLOOR],
+            empty=rows[_CEILING],
+        ),
+        start=line[_MARGIN : _MARGIN + count],
+        goal=frozenset(goal),
+        goals=(goal,) * count,
+    )
+
+
+_TUNNEL = (
+    Family(
+        "hex-tunnel",
+        "hexagons in a channel of four rows, whose line climbs across one by one",
+        {
+            "n": ("6", "number of modules of the line"),
+            "length": (
+                "auto",
+                "columns of the channel, at least n+3; auto is 2n+2: the whole line crosses",
+            ),
+            "catalogue": (
+                "mixed",
+                "supports of the pivots: mixed (along the rows 1, across 2), or 1 or 2 throughout",
+            ),
+        },
+        _tunnel,
+        LatticeSystem,
+    ),
+)
+
+
+RING: tuple[Cell, ...] = (
+    (0, 0),
+    (0, 1),
+    (0, 2),
+    (0, 3),
+    (1, 3),
+    (2, 2),
+    (3, 1),
+    (3, 0),
+    (2, 0),
+    (2, -1),
+    (1, -1),
+    (3, -1),
+)
+"""A ring of eleven modules, and one more that closes it a second time in one place.
+
+::
+
+      3 4           i  the link of the ring between a and b, which can pivot inwards
+     o . o          x  the module beside it, which also links a and b and can pivot outwards
+    o . . o         1, 2, 3, 4  corners, each of which can pivot and so open the ring
+     2 . i b
+      1 a x
+
+The ring opens when i and x both move away, and falls apart when a corner also does: any two of the
+three moves leave the aggregate connected, all three do not. No aggregate of eleven modules or fewer
+has three such moves, and this is the only one of twelve up to rotation and reflection (found by
+listing all aggregates, 8,182,213 with twelve modules up to translation).
+"""
+HUB: tuple[Cell, ...] = (
+    (0, 0),
+    (0, 1),
+    (-1, 0),
+    (1, -1),
+    (-2, 1),
+    (-2, 2),
+    (-2, 3),
+    (-2, 4),
+    (-1, 4),
+    (0, 3),
+    (1, 2),
+    (1, 1),
+    (2, 0),
+    (2, -1),
+)
+"""A hub of one module, joined by three single-module bridges to an arc of ten, as in the figure.
+
+::
+
+      o o           h  the hub
+     o . o          1, 2, 3  the bridges, each of which can pivot off the hub and stay at the arc
+    o . . o
+     o . 1 o
+      2 h . o
+       . 3 o
+"""
+
+
+def _connected(name: str, values: Values) -> Scene:
+    """Build a chain whose goal is another at 120 degrees, or an aggregate where links fail.
+
+    All of them stand in a box three cells wider on each side.
+    """
+    shape = values["scene"]
+    if shape not in ("chain", "ring", "hub"):
+        raise InputError(f"scene={shape}: expected one of chain, ring, hub")
+    goals: tuple[Cell, ...] = ()
+    if shape == "chain":
+        count = whole(values, "n", least=1)
+        start: tuple[Cell, ...] = tuple((position, 0) for position in range(count))
+        goals = tuple((count - 1, step) for step in range(count))
+    else:
+        start = RING if shape == "ring" else HUB
+    system = LatticeSystem(
+        hex_catalogue(keeps_topology=False), workspace=walled([*start, *goals]), connected=True
+    )
+    return Scene(
+        spec=name,
+        family=name,
+        system=system,
+        start=start,
+        goal=frozenset(goals) if goals else None,
+        goals=(goals,) * len(start) if goals else (),
+    )
+
+
+_CONNECTED = (
+    Family(
+        "hex-connected",
+        "non-local: hexagonal pivots of catalogue 2, the whole aggregate to stay connected;"
+        " complex only, no runs and no shortening",
+        {
+            "n": ("4", "number of modules of the chain"),
+            "scene": (
+                "chain",
+                "chain, or with positive curvature: ring (12 modules, the fewest), hub (14)",
+            ),
+        },
+        _connected,
+        LatticeSystem,
+        rule="",
+    ),
+)
 
 
 def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
@@ -126,6 +305,8 @@ _KEYS = {
     "base": ("0", "1 for a fixed base cell, an obstacle next to module 0, from which both go out"),
 }
 FAMILIES = (
+    *_TUNNEL,
+    *_CONNECTED,
     Family(
         "hex",
         "hexagonal pivots that keep the topology (catalogue 1)",

@@ -8,21 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import import_module
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.family import Family
+
+if TYPE_CHECKING:  # it imports this module
+    from cubepath.protocol.scenes.registry import Family
 
 _FAMILIES = {
-    "hexagons": ("hex", "hex-open"),
-    "connected_hexagons": ("hex-connected",),
-    "tunnel": ("hex-tunnel",),
-    "sliding": ("sliding",),
-    "shapes": ("hex-shapes", "sliding-shapes"),
+    "hexagons": ("hex", "hex-open", "hex-connected", "hex-tunnel"),
+    "shapes": ("sliding", "hex-shapes", "sliding-shapes"),
     "vehicles": ("agv", "agv-labelled"),
-    "arm": ("arm",),
-    "free_arm": ("arm-free",),
-    "arms": ("arms",),
+    "arms": ("arm", "arm-free", "arms"),
     "triangulations": ("polygon", "triangulation"),
     "words": ("words",),
     "assembly": ("assembly",),
@@ -75,7 +72,7 @@ def _kind(module: str, name: str) -> type[System]:
     return found
 
 
-OWN_FAMILIES = OnDemand[Family](
+OWN_FAMILIES: OnDemand[Family] = OnDemand(
     {name: partial(_family, module, name) for module, names in _FAMILIES.items() for name in names}
 )
 OWN_KINDS = OnDemand[type[System]](

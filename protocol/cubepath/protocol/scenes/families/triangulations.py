@@ -20,7 +20,6 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.scenes.random_scenes import (
     WALK_KEY,
     Stream,
@@ -28,6 +27,7 @@ from cubepath.protocol.scenes.random_scenes import (
     walk_length,
     walked,
 )
+from cubepath.protocol.scenes.registry import Family, Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, distinct_edges, edge_of
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.scenes.random_scenes import (
     SEED_MAX,
     WALK_KEY,
@@ -22,6 +21,7 @@ from cubepath.protocol.scenes.random_scenes import (
     walk_length,
     walked,
 )
+from cubepath.protocol.scenes.registry import Family, Values, whole
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import (
     Graph,

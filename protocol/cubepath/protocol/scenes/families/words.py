@@ -23,7 +23,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.family import Family, Values
+from cubepath.protocol.scenes.registry import Family, Values
 from cubepath.protocol.systems.listed import TabledSystem
 
 BLANK = "_"
