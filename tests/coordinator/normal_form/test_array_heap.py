@@ -137,7 +137,7 @@ def test_the_stream_agrees_with_the_reference_at_every_question(
 
 def test_a_heap_that_was_not_to_tell_does_not() -> None:
     """What became of moves is kept only where that was asked for beforehand."""
-    with pytest.raises(ValueError, match="not asked to tell"):
+    with pytest.raises(ValueError, match="not asked to record"):
         FastHeap().normal_form()
 
 

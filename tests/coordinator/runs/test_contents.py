@@ -59,7 +59,7 @@ def test_info_says_who_was_refused_and_why() -> None:
     whole = crowd()
     records = [Record(topic_of(each), encode(each), each.round, 0, 0) for each in told]
     document = info(with_records(whole, [*records, *whole.records]))
-    assert [(each["who"], each["count"], each["why"]) for each in document["refused"]] == [
+    assert [(each["sender"], each["count"], each["detail"]) for each in document["refused"]] == [
         ("coordinator", 1, "go"),
         ("guest", 43, "no JSON"),
     ]

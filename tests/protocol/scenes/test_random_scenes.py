@@ -167,7 +167,7 @@ def test_random_triangulations_are_triangulations() -> None:
         ("agv:walk=5", "walk=5: expected seed=NUMBER too"),
         ("agv:graph=tree9", "graph=tree9: expected seed=NUMBER too"),
         ("agv:graph=grid9x9,seed=1,open=1.1", "open=1.1: expected a decimal number"),
-        ("agv:graph=grid9x9,seed=1,open=0.01", "open=0.01: no two vertices beside each other"),
+        ("agv:graph=grid9x9,seed=1,open=0.01", "open=0.01: no two neighbouring vertices"),
         ("agv:graph=K4,seed=1,n=5", "n=5: the graph has 4 vertices"),
         ("agv:scene=s.json,seed=1", "seed=1: starts and goals are those of the scene"),
         ("agv:graph=C5,seed=1,n=5,walk=3", "walk=3: no module can move"),

@@ -183,8 +183,8 @@ def _refused(recording: Recording) -> list[dict[str, Any]]:
         if isinstance(message, Refused):
             told = found.setdefault(
                 (message.sender, message.reason),
-                {"who": message.sender, "reason": message.reason, "count": 0}
-                | {"round": message.round, "key": message.key, "why": message.detail},
+                {"sender": message.sender, "reason": message.reason, "count": 0}
+                | {"round": message.round, "key": message.key, "detail": message.detail},
             )
             told["count"] += message.count
     return [found[key] for key in sorted(found)]
@@ -262,7 +262,7 @@ def render(document: Mapping[str, Any]) -> str:
         ("messages", f"{document['messages']} on {document['topics']} topics"),
     ]
     rows += [
-        ("refused", f"{each['count']} of {each['who']}, {each['reason']}: {each['why']}")
+        ("refused", f"{each['count']} of {each['sender']}, {each['reason']}: {each['detail']}")
         for each in document["refused"]
     ]
     rows += [

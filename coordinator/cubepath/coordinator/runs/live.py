@@ -285,7 +285,7 @@ class _Subscriber:
         if isinstance(message, Note | Claim | Verdict | Report):
             self.words.setdefault(message.round, {})[overheard.kind, message.module] = message
         elif overheard.kind == "refused":
-            self.refused = self.refused or f"{message.who}: {message.why}"
+            self.refused = self.refused or f"{message.sender}: {message.detail}"
 
 
 def _played(

@@ -164,9 +164,11 @@ def _more_of(message: Any) -> str:
         found.append("granted" if granted else "lost")
     if isinstance(getattr(part, "claim", None), str):
         found.append(part.claim)
-    if getattr(part, "commit", part) is None:
-        found.append(f"refused: {part.why}")
-    told = {name: getattr(part, name, None) for name in ("reason", "ended")}
+    refused = getattr(part, "commit", part) is None
+    told = {
+        "refused:" if refused else "reason": getattr(part, "reason", None),
+        "ended": getattr(part, "ended", None),
+    }
     found += [f"{name} {what}" for name, what in told.items() if what is not None]
     return ", ".join(found)
 
