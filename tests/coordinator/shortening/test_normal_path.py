@@ -110,8 +110,7 @@ def plan(**others: object) -> dict[str, Any]:
 BAD_PLANS: dict[str, tuple[dict[str, Any], str]] = {
     "no edge": (
         plan(moves=[[[0, 0], [1, 0]], [[1, 0], [0, 1]]]),
-        "move 2, vehicle 0, [1,0] to [0,1]: no edge of the grid, expected a step to a neighbouring"
-        " cell",
+        "move 2, vehicle 0, [1,0] to [0,1]: no edge of the grid, expected a step to a neighbour",
     ),
     "no step": (plan(moves=[[[0, 0], [0, 0]]]), "move 1, vehicle 0 stays at [0,0]"),
     "empty": (

@@ -128,7 +128,7 @@ class Vehicles:
         """Raise InputError for what makes a move impossible, as `go` has found."""
         x, y = self.at[who]
         if abs(cell[0] - x) + abs(cell[1] - y) != 1:
-            raise InputError("no edge of the grid, expected a step to a neighbouring cell")
+            raise InputError("no edge of the grid, expected a step to a neighbour")
         if not self._is_free(cell):
             raise InputError(f"{text(cell)} is an obstacle or outside, expected free")
         there = self.on.get(cell)
