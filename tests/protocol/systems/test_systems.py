@@ -233,7 +233,7 @@ def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:
         ("hex:bend=45", "bend=45: expected one of"),
         ("hex:n=3,bend=0,shift=4", "shift=4: expected at most n=3"),
         ("hex:base=2", "base=2: expected a whole number of at least 0, at most 1"),
-        ("hex:base=1,bend=0", "bend=0: with base=1 the goal begins beside the base"),
+        ("hex:base=1,bend=0", "bend=0: with base=1 the goal begins next to the base"),
         ("arm:n=3,goal=xy", "goal=xy: expected 3 letters"),
         ("agv:graph=K1", "graph=K1: K takes at least 2"),
         ("agv:graph=K3,n=4", "n=4: the graph has 3 vertices"),
