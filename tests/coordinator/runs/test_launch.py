@@ -297,7 +297,7 @@ def test_nonsense_is_on_record(tmp_path: Path) -> None:
     assert (outcome.ended, outcome.refused) == ("max-rounds", 1)
     recording = read_recording(tmp_path / "a.mcap")
     (told,) = parts(recording, "refused")
-    assert (told.key, told.who, told.reason) == ("hello/me", "me", "malformed")
+    assert (told.key, told.sender, told.reason) == ("hello/me", "me", "malformed")
     assert (told.count, told.sample) == (1, "not json")
     assert verify(recording).ok
 
