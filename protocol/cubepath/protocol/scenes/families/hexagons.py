@@ -253,7 +253,7 @@ def _hex(name: str, values: Values) -> Scene:
     same line, `shift` cells ahead.
 
     With `base` 1 the cell (-1, 0), next to module 0, is an obstacle that is on, the paper's base
-    cell. The first catalogue holds the aggregate to it, so the goal too begins next to the base, and
+    cell. The first catalogue holds the aggregate to it, so the goal begins next to it, too, and
     `bend` is the angle between the two chains there.
     """
     count = whole(values, "n", least=1)
