@@ -17,13 +17,12 @@ from cubepath.coordinator.experiments.setting import (
     FaultRates,
     RunBatch,
     RunSetting,
-    expanded,
     run_id,
     scene_hash,
-    seeds_of,
 )
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.ranges import expanded, seeds_of
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 
