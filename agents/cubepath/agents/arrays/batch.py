@@ -1,11 +1,11 @@
-"""Many environments of one scene, as arrays: reset, observe, step.
+"""Many environments of one scene as arrays: reset, observe, step.
 
-A batch holds the dynamic part of each environment, a seed of its own among it; the static part,
-`Tables`, is common to all. Relative observations are those of `RelativeObserver`, to the last bit.
+A batch holds what changes in each environment, including its seed; what never changes, `Tables`, is
+shared. Relative observations equal those of `RelativeObserver` bit for bit.
 
-Loading compiled code takes about a second, and compiling it a quarter of a minute, once for an
-installation. Small work is done before that; while large work waits for the compiler, which runs in
-a process of its own, the plain world serves.
+Loading the compiled code takes about a second, and compiling it a quarter of a minute, once per
+installation. Small work runs without it. Large work waits for the compiler, which runs in a
+separate process while the plain world steps in.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The tables of a lattice, worked out by translation in compiled code.
+"""The tables of a lattice, computed by translation in compiled code.
 
-Cells are numbered by a hash of their coordinates, so the lattice has no end and no window: tables
-grow with the cells that modules meet, wherever they wander.
+Cells are numbered by a hash of their coordinates, so the lattice has neither an end nor a window:
+tables grow with the cells that modules reach.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A round of all environments of a batch, in compiled code: claims, moves, observations.
+"""One round of all environments of a batch, in compiled code: claims, moves, observations.
 
-The same as a round of the plain world, which is the reference: tests hold the two together step by
-step. Two claims that conflict are compared by rank, and what does not conflict is granted.
+The plain world is the reference, and tests compare the two step by step. Two claims that conflict
+are compared by rank; a claim without conflicts is granted.
 """
 
 from __future__ import annotations

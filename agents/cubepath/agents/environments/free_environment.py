@@ -1,8 +1,8 @@
-"""The PettingZoo environment without rounds, and the usual ways to make environments.
+"""The PettingZoo environment without rounds, and the functions that make environments.
 
-Modules act by themselves, one after another; who acts next in one process, a scheduler says. Each
-scheduler lets every module act again and again, and follows from the seed and from what came of the
-turns so far. `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
+Modules act one after another. In one process, a scheduler decides who acts next; it lets every
+module act again and again, and depends only on the seed and the results of earlier turns.
+`parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The world without rounds in one process: one keeper, and what each module is shown of it.
+"""The world without rounds in one process: one keeper, and what each module sees of it.
 
-Every attempt is decided at once, by the keeper that decides it on the wire. What a module is shown
-may be out of date, as it is there; what counts is what holds.
+The keeper decides every attempt immediately, with the code that keepers run on the wire. What a
+module sees may be out of date, as on the wire; the keeper compares it with the present state.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What an environment gives to its users: observations, infos, arrays, pictures and shares.
+"""What an environment returns: observations, infos, arrays, pictures and shares.
 
-Worlds know absolute observations alone; here they become relative where that is asked for.
+Worlds know only absolute observations. This module makes them relative on request.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Play a rule in one process: once, with many seeds, with rounds and without.
+"""Play a rule in one process: once or with many seeds, with rounds or without.
 
-Rules with a vectorised form are played in compiled code, all runs side by side.
+Rules with a vectorised form run in compiled code, all runs side by side.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Learning with Stable-Baselines3: environments for it, and what it has learned as a rule.
+"""Learning with Stable-Baselines3: environments for it, and trained models as rules.
 
 The library is an extra, ``pip install 'cubepath[learning]'``, imported when needed.
 """

@@ -1,6 +1,6 @@
-"""Environments as Stable-Baselines3 has them, a row for each module.
+"""Environments in the form that Stable-Baselines3 expects, with one row per module.
 
-Imported only where the library is there: see `sb3`. Source: its `VecEnv`, and the masks of
+Import it only where the library is installed: see `sb3`. Source: its `VecEnv`, and the masks of
 sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 """
 

@@ -1,7 +1,7 @@
-"""Many episodes of one scene side by side, as Gymnasium's vector environments have them.
+"""Many episodes of one scene side by side, in the form of Gymnasium's vector environments.
 
-Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each environment:
-what belongs to one environment has an axis for them.
+Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each environment, so
+each array of an environment has an axis for modules.
 """
 
 from __future__ import annotations

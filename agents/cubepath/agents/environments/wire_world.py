@@ -1,6 +1,6 @@
-"""The world on the wire: the same steps as `World`, played by processes that talk over zenoh.
+"""The world on the wire: the same steps as `World`, played by processes that exchange messages.
 
-The modules send observations and masks and receive actions; their reports tell what they did.
+The modules send observations and masks and receive actions; their reports contain what they did.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The configuration of a module process in a run without rounds.
 
-The fleet and the simulator give the same.
+The fleet and the simulator create it in the same way.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The processes of a run without rounds: a router, keepers and modules; nobody paces them.
+"""The processes of a run without rounds: a router, keepers and modules. Nothing paces them.
 
-A fleet starts them, looks after them, and ends them. What happens when one of them dies is for
-`on_crash` to say; keepers come back from their logs, and modules take their places again.
+A fleet starts them, watches them, and ends them. When one of them dies, `on_crash` decides what
+happens: keepers restart from their logs, and modules are placed again where they were.
 """
 
 from __future__ import annotations

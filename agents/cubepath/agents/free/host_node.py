@@ -1,7 +1,7 @@
-"""The node of a module process in a run without rounds: some modules, and what they sense.
+"""The node of a module process in a run without rounds: its modules, and what they sense.
 
-It is told of messages and ticks and gives effects. It knows no time but that of its ticks, each of
-which comes a while after it was asked for; that is enough to ask again.
+It receives messages and ticks and returns effects. Its only notion of time is its ticks, each of
+which arrives some time after the node asked for it; that is enough to know when to ask again.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""One module of a run without rounds, as a pure machine: what it senses in, what it asks out.
+"""One module of a run without rounds, as a pure machine: what it senses in, requests out.
 
-It enters, senses, lets its rule choose, and attempts what that chose; it goes on when it knows what
-came of that. It acts only through the PettingZoo observation, mask and action. It is called
-whenever something that it senses may have changed, or when it is due.
+The module joins, senses, lets its rule choose, and attempts the chosen move; it continues when it
+knows the result. It acts only through the PettingZoo observation, mask and action. The node calls
+it when something that it senses may have changed, or when a timer is due.
 """
 
 from __future__ import annotations

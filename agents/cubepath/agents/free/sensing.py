@@ -1,7 +1,7 @@
 """What keepers have shown to the modules of a process.
 
-A process hears of whole tiles; a module is given only the places that it senses, and the registers
-within its reach. What is shown of a tile is numbered, so a gap is noticed at once.
+A process receives whole tiles; a module sees only the places that it senses, and the registers
+within its reach. Updates of a tile are numbered, so a gap is noticed immediately.
 """
 
 from __future__ import annotations

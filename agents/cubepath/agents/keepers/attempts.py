@@ -1,6 +1,6 @@
-"""What an attempt takes of each keeper: derived from the catalogue, and checked against it.
+"""What an attempt needs from each keeper: derived from the catalogue, and checked against it.
 
-Everyone who handles an attempt derives the same from it, so nothing of this travels.
+Every process that handles an attempt derives the same, so messages do not carry it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """A keeper as a pure machine: parts of messages and ticks in, parts of messages out.
 
-Attempts pass through the keepers concerned in increasing order, each of which checks what was
-sensed, locks, logs and passes on; the last one commits, and that is the move. An attempt that is in
-the way of another waits for it, first come, first served: whoever waits at a keeper holds locks at
-lower ones only, so nobody waits in a circle. docs/free-clock.md has the argument.
+An attempt passes through the keepers concerned in increasing order. Each checks what was sensed,
+locks, logs and forwards; the last one commits, and that is the move. An attempt that conflicts with
+another waits for it, first come, first served. An attempt that waits at a keeper holds locks only
+at lower keepers, so there is no cycle of waiting. docs/free-clock.md has the argument.
 
-A keeper says the same again whenever it is asked again, and decides nothing: it only compares what
-was sensed with what holds.
+A keeper repeats an answer when it is asked again. It decides nothing: it only compares what was
+sensed with the present state.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The physics of a run without rounds: units with their versions and levels, and who is where.
+"""The physics of a run without rounds: units with their versions and levels, and occupants.
 
-This is what a keeper holds; it decides nothing. A commit reads some units and writes others: its
-level is one more than the greatest level of the commits that it depends on, which are the writers
-of what it reads or overwrites, and the readers of what it overwrites.
+A keeper holds this; it decides nothing. A commit reads some units and writes others. Its level is
+one more than the greatest level of the commits on which it depends: the writers of what it reads or
+overwrites, and the readers of what it overwrites.
 """
 
 from __future__ import annotations

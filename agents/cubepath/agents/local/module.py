@@ -1,11 +1,11 @@
-"""When a module tells others its rule's notes.
+"""The module as a pure machine: messages in, messages out, one round at a time.
 
-Pure, like `arbitration`: `ModuleCore` and `World` both use it.
-
-It holds only what the module was told in this round; it opens no session, reads no clock, and gives
+It holds only what the module received in this round; it opens no session, reads no clock, and gives
 the same answers in whatever order messages arrive. Its decisions come from the functions of
-`observation`, `arbitration` and `notes`. In each round it is called in this order: `sense`,
-`observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+`observation` and `arbitration`. In each round, call it in this order: `sense`, `observation`,
+`claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+
+`LastNote` says when a module sends its rule's note. `World` uses it too.
 """
 
 from __future__ import annotations

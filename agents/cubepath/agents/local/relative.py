@@ -1,16 +1,13 @@
-"""What one module sees as numbers between -1 and 1 that do not say where it is: for a network.
+"""What one module sees as numbers from -1 to 1 that hide where it is: input for a network.
 
 The relative observation follows from the observation that `observe` makes and from what a module
-knows from birth, the static map and its goals; so it is as local as that one.
+knows from the start, the static map and its goals. So it is as local as that observation. It also
+says how many moves each site of a finite system is from the module's goals on an otherwise empty
+map.
 
-How many moves each site of a finite system is from a module's goals, if nobody is in the way.
-
-It follows from the static map and the goals, which a module knows from birth.
-
-The relative observations of many modules at once, from their absolute ones.
-
-They are those of `RelativeObserver`, to the last bit: what depends on the own site alone is asked
-of it once for each site and goals, and what is sensed is looked up for all.
+`RelativeObserver` serves one module. The vectorised form takes the absolute observations of many
+modules and returns the same numbers bit for bit: what depends on a module's own site is computed
+once per site and goals, and what it senses is looked up for all modules together.
 """
 
 from __future__ import annotations

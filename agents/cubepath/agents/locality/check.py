@@ -1,17 +1,12 @@
-"""Checking that a rule is local: playing it in scenes under all that must not matter to it.
+"""Whether a rule is local: the scenes in which it is played, and what the plays show.
 
-The rule is loaded in processes of their own alone, never in the one that checks it.
+The rule is loaded in separate processes, never in the one that checks it. Each family has a small
+scene, in which all modules may sense one another, and a larger one, in which there is something
+that a module does not see.
 
-The scenes in which a rule is checked: of each family a small one, and one beyond its reach.
-
-In a small one all modules may sense one another; only in a larger one is there anything that a
-module does not see.
-
-What the plays of a rule show: where it chose otherwise, and why that is so.
-
-A rule is local if its choices follow from what its module knows from birth, what it has seen, and
-its own stream. So each play in which something else was different must have the same choices as the
-run; each that does not is a finding, and so is each use of what is outside.
+A rule is local if its choices follow from what its module knows from the start, what it has seen,
+and its own random stream. So a play in which anything else was different must have the same choices
+as the original run. Each play that has not is a finding, and so is each use of anything outside.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Playing a task in a process of its own: loading the rule, asking it, noting what it uses.
+"""Plays a task in a separate process: loads the rule, asks it, and notes what it uses.
 
-The process is new: nothing of the rule was loaded before.
+The process is new, so nothing of the rule was loaded before.
 """
 
 from __future__ import annotations

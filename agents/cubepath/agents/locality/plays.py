@@ -1,4 +1,4 @@
-"""What is played to find out whether a rule is local, and what comes of it.
+"""The plays that show whether a rule is local, and their results.
 
 All of it is plain data, which is pickled between processes.
 """

@@ -1,9 +1,9 @@
-"""Traps: what a rule's code uses of the process around it is noted, and under control.
+"""Traps: they note and control what a rule's code uses of the process around it.
 
-Once set, traps stay for the life of the process, so each play has a process of its own. In place of
-the clock, the process id and global random numbers a rule gets what `Conditions` say, a function of
-them, the module and the round; so two plays differ by what was changed between them. Audit hooks
-note the rest: files, network, other processes, frames, what the collector knows.
+Traps stay for the life of the process, so each play has its own process. In place of the clock, the
+process id and global random numbers, a rule gets what `Conditions` define: a function of the
+conditions, the module and the round. So two plays differ only in what was changed between them.
+Audit hooks note the rest: files, network, other processes, frames, what the collector knows.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Child processes by name: started with their configuration, watched, and ended.
 
-The configuration goes over standard input, never on a command line.
+The configuration travels over standard input, never on a command line.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The configuration of a module process, which the fleet and the simulator give alike."""
+"""The configuration of a module process. The fleet and the simulator create it in the same way."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Which modules each process has: neighbours together.
+"""How modules are distributed over processes: neighbours stay together.
 
-What modules of one process say to each other needs no message between processes, so modules are
-dealt out by where they start.
+Modules of one process exchange no messages between processes, so modules are distributed by where
+they start.
 """
 
 from __future__ import annotations

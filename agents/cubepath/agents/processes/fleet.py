@@ -1,8 +1,8 @@
 """The fleet: it starts, paces and ends module processes, and decides nothing for them.
 
-A fleet starts a private router and the processes, and carries out what its pacing node asks for; or
-its router is open to others, and some processes join from elsewhere. A sink, if given, receives
-every message as it was on the wire.
+A fleet starts a private router and the processes, and carries out the effects of its pacing node.
+Alternatively its router is open to others, and some processes join from elsewhere. If you pass a
+sink, it receives every message as it was on the wire.
 """
 
 from __future__ import annotations

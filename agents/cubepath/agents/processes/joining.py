@@ -1,7 +1,7 @@
 """A module process that joins a run from elsewhere.
 
-It finds the run that waits at a router, asks for its orders until it has them, and serves as any
-module process does. It ends when it is told to, or when the coordinator is gone.
+It finds the run that waits at a router, asks for its configuration until it has one, and then
+serves as any module process does. It ends when it is told to, or when the coordinator is gone.
 """
 
 from __future__ import annotations

@@ -1,17 +1,14 @@
-"""Judging what comes in: a message is taken, or refused with a reason; nothing is raised elsewhere.
+"""Judging incoming messages: each is accepted, or refused with a reason.
 
-Module processes and the coordinator judge alike, by what every process knows: the run, the system,
-and which modules each process has. What is left to judge, where modules stand and which moves are
-admissible, the coordinator's gatherer knows.
+Module processes and the coordinator judge by the same rules, from what every process knows: the
+run, the system, and which modules each process has. The coordinator's gatherer also knows where
+modules stand and which moves are admissible, and judges the rest.
 
-The phases of a round, in which order they come, and when what is missing is asked for.
+The phases of a round are defined here: their order, and when a node asks again for what is missing.
 
-The nodes of module processes and of the coordinator share them.
-
-What the coordinator refuses: counted, and told of on record without filling it.
-
-Of the messages of a round with the same sender and reason the first is told of at once, with how it
-begins, and how many more there were when the round ends or the wait goes on.
+The coordinator records its refusals without letting them fill the recording. The first message of a
+round with a given sender and reason is recorded immediately, with its first bytes; the number of
+further ones follows when the round ends or the wait continues.
 """
 
 from __future__ import annotations

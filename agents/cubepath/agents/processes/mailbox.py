@@ -1,7 +1,7 @@
-"""What a process has heard from others and said itself, by phase and region, until it is over.
+"""What a process has received and sent, by phase and region, until the phase is over.
 
-A phase begins once all that was said before it has been heard, and what somebody has missed is said
-again.
+A phase begins once everything sent in the previous one has arrived. A message that a receiver
+missed is sent again.
 """
 
 from __future__ import annotations

@@ -1,15 +1,10 @@
-"""Processes that join a run from elsewhere: what they ask, who has asked, and who is alive.
+"""Processes that join a run from elsewhere: their requests, the offers, and who is alive.
 
-Who is alive on the network: zenoh's liveliness tokens, watched across restarts of the router.
+A process asks for its configuration with a zenoh get on ``cubepath/RUN/orders/process_N``, or
+``.../any``. The answer is a `JoinOffer`, or an error of one line; neither is recorded. A process
+repeats its request every `ASK_S`, so one that has been silent for `FORGET_S` counts as gone.
 
-What a process that joins from elsewhere asks, and what it is answered.
-
-It asks by a zenoh get on ``cubepath/RUN/orders/process_N``, or ``.../any``. The answer is an
-`JoinOffer`, or an error of one line. Neither is on record.
-
-Who has asked to join a run from elsewhere, with which modules: a pure table.
-
-Whoever waits asks again every `ASK_S`, so who is not heard for `FORGET_S` has gone.
+Zenoh's liveliness tokens show who is alive, across restarts of the router.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the processes of a run meet, and how many come from elsewhere."""
+"""Where the processes of a run meet, and how many of them join from elsewhere."""
 
 from __future__ import annotations
 

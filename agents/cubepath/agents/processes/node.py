@@ -1,9 +1,9 @@
 """The node of a module process: some modules of a run, as a pure machine.
 
-It is told of messages and ticks and gives effects; `host` carries them out on zenoh. It says what
-its modules say, a message a region, and gives each module what is addressed to its place, once all
-of a phase has arrived. What is delayed, doubled or out of order makes no difference; what is
-missing it asks for again. What is refused (`judge`) has no effect.
+It receives messages and ticks and returns effects; `host` carries them out on zenoh. It sends the
+messages of its modules, one per region, and passes each module what is addressed to its place once
+everything of a phase has arrived. Late, duplicate or reordered messages make no difference; the
+node asks again for missing ones. A refused message (`judge`) has no effect.
 """
 
 from __future__ import annotations

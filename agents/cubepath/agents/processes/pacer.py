@@ -1,10 +1,11 @@
-"""The pacing node of a coordinator: it lets each phase begin when the one before is over.
+"""The pacing node of a coordinator: it starts each phase when the previous one is over.
 
-A pure machine, like the node of a module process: `LockstepFleet` carries its effects out on
-zenoh. It decides nothing for a module and carries nothing between them but how many messages were
-said to each region. A phase is over when every process has answered and everything that it said in
-the phase has arrived here too, so that the record is whole; what is missing is asked for again.
-What comes in is judged; what is refused changes nothing, and is told of on record (`Refusals`).
+It is a pure machine, like the node of a module process; `LockstepFleet` carries its effects out on
+zenoh. It decides nothing for a module, and carries nothing between modules except how many messages
+were sent to each region. A phase is over when every process has answered and everything it sent in
+the phase has arrived here too, so that the recording is complete; the node asks again for missing
+messages. It judges what arrives; a refused message changes nothing and is noted in the recording
+(`Refusals`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Processes that join a run from elsewhere, as the coordinator sees them.
+"""Processes that join a run from elsewhere, from the coordinator's side.
 
-A session answers who asks for orders, and is told by zenoh who is alive. Its callbacks only
-enqueue; `look` does the work.
+A session answers requests for a configuration and watches which processes are alive. Its callbacks
+only enqueue; `look` does the work.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What must come of the claims of a round, given the verdicts that were said, and who differs.
+"""What must follow from the claims of a round and the verdicts sent, and which module disagrees.
 
-A module knows the claims that conflict with its own and is told the verdicts on those that go
-before it; the rest follows. Whoever hears all of it can say who has not kept to that.
+A module knows the claims that conflict with its own and receives the verdicts on those that outrank
+it; the rest follows. A process that receives all of it can name the module that broke the rule.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The rules by name, of the project and of other distributions.
+"""Rules by name: the built-in ones, those of other distributions, and those in your files.
 
-Rules from files of the user: ``FILE.py:NAME``, where NAME is a `RuleType`.
-
-What a caller asks for by name: a scene, and the rule that its modules follow.
+A rule in a file is ``FILE.py:NAME``, where NAME is a `RuleType`. A request by name pairs a scene
+with the rule that its modules follow.
 """
 
 from __future__ import annotations

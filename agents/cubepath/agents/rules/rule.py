@@ -1,6 +1,6 @@
-"""Rules: plain functions from a view to a choice, each made for one module at its birth.
+"""Rules: plain functions from a view to a choice, each made for one module when it starts.
 
-Third parties add rules under the entry point group ``cubepath.rules``: each entry names a
+Other distributions add rules under the entry point group ``cubepath.rules``: each entry names a
 `RuleType`.
 """
 

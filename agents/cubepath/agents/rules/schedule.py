@@ -1,15 +1,13 @@
-"""The rule of a module that executes its part of a schedule: its own moves, each in its round.
+"""Rules that repeat given moves: those of a schedule, or those that a recording holds.
 
-From birth a module knows the moves of which it is the mover, by round, and no others. In the round
-of such a move it finds the move among its admissible ones and claims it; the moves of a cube
-commute, so every claim is granted. If the move is not admissible, the module stays and says why,
-from what it senses, so that no further round of the schedule begins.
+A module that executes a schedule knows from the start which moves it makes in which round, and no
+others. In the round of such a move, it finds the move among its admissible ones and claims it; the
+moves of a cube commute, so every claim is granted. If the move is not admissible, the module stays
+and gives the reason as far as it senses it, so that no further round of the schedule begins.
 
-The rule of a module that chooses again what it chose in a run on record.
-
-From birth a module knows what it chose itself, round by round, and nothing of what others chose. In
-each round it finds its move among its admissible ones and claims it; where it was not admissible,
-or the module stood elsewhere, it stays and says why.
+A module that repeats a recording knows its own choices, round by round, and no others. It claims
+the recorded move if that is admissible; otherwise, or if it stands somewhere else, it stays and
+gives the reason.
 """
 
 from __future__ import annotations

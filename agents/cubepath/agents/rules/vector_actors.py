@@ -1,7 +1,7 @@
-"""The actors of all modules of many environments at once, for rules that have a vectorised form.
+"""The actors of all modules of many environments together, for rules with a vectorised form.
 
-`VectorActors` does in arrays what an `Actor` does for one module: it asks the rule, checks what it
-chose, and hesitates. The same seeds give the same choices.
+`VectorActors` does in arrays what an `Actor` does for one module: it asks the rule, checks the
+choice, and hesitates. The same seeds give the same choices.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The vectorised form of a rule: one function that chooses for all modules of many environments.
 
-It says in arrays what `rule` says for one module. The environments have one scene and a seed each;
-E is their number, n that of the modules.
+It has in arrays what `rule` has for one module. The environments share a scene, and each has a
+seed; E is the number of environments, n that of modules.
 """
 
 from __future__ import annotations
