@@ -1,18 +1,17 @@
 """Playing the rules of a recording again: notes, choices, hesitation, and who gave up.
 
-Each module gets an `Actor` of its own, as in a run, with the random streams of the recorded seed.
-It is given the observation that verification derives, with the notes on record, so that a note that
-was changed is named once, and where it was said.
+Each module gets its own `Actor`, as in a run, with the random streams of the recorded seed. The
+actor receives the observation that verification derives, with the recorded notes, so that a changed
+note is reported once, where it was sent.
 
-Which module has to make which move of a schedule, derived from where modules stand.
+For a schedule, this module derives which module has to make which move from where the modules
+stand. A run assigns all moves before it begins; here each round is derived separately. The two
+agree as long as every earlier cube was carried out, and after a cube that was not, the schedule is
+over.
 
-A run assigns all moves before it begins; here each round is looked at by itself. Both are the same
-as long as every cube before was carried out, and after a cube that was not the schedule is over.
-
-Playing the rules of a run without rounds again, each module turn by turn.
-
-Each module gets an `Actor` of its own, and a new one whenever its process began anew, as in a run;
-it is given the observation that verification derives from the versions that the turn names.
+Without rounds, a module's rule is asked turn by turn, and a module gets a new `Actor` whenever its
+process restarted. The observation is the one that verification derives from the versions that the
+turn names.
 """
 
 from __future__ import annotations

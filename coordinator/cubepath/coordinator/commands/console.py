@@ -1,6 +1,6 @@
 """The output of commands: answers, tables, complaints, exit codes.
 
-Standard output and standard error may be full, closed, or a pipe that nobody reads any more.
+Standard output and standard error may be full, closed, or a pipe without a reader.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A player under the keys of a terminal.
+"""A player controlled by the keys of a terminal.
 
-Keys are read without waiting for a new line; signals keep their keys. Whatever ends or stops the
-command, the terminal is left as it was found; if the terminal is gone, and the command was told to
-go on without (``nohup``), there are no more keys.
+Keys are read without waiting for a new line, and signals keep their keys. Whatever ends or stops
+the command, the terminal is left as it was found. If the terminal is gone and the command should
+continue without it (``nohup``), there are no more keys.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The command ``cubepath run``: a new run, or one that goes on from a recording."""
+"""The command ``cubepath run``: a new run, or one that continues from a recording."""
 
 from __future__ import annotations
 

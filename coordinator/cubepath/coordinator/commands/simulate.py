@@ -1,4 +1,4 @@
-"""The command that simulates runs under faults: ``cubepath simulate``."""
+"""The command ``cubepath simulate``: runs under faults."""
 
 from __future__ import annotations
 

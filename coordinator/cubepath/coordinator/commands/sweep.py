@@ -1,4 +1,4 @@
-"""The command that plays many runs and keeps what comes of them: ``cubepath sweep``."""
+"""The command ``cubepath sweep``: many runs, and a folder of their results."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Runs in this process, without messages: with rounds in compiled code, many seeds side by side.
 
-These are the runs of `cubepath.agents.play_many` and `play_free`, which the same seeds have under
-the simulator and over the wire.
+They are the runs of `cubepath.agents.play_many` and `play_free`. The same seeds give the same runs
+in the simulator and over the wire.
 """
 
 from __future__ import annotations

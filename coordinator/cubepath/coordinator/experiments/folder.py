@@ -1,8 +1,8 @@
-"""The folder of a sweep: Parquet files that are written as runs are finished, each whole.
+"""The folder of a sweep: Parquet files, each written whole as runs finish.
 
-The folder has a dataset of runs and one of rounds, in parts; a part of rounds counts only if there
-is one of runs of the same name, which is written after it. So the folder may be cut off at any
-moment, and what is on disk is right. Parts are written under another name first.
+The folder has a dataset of runs and one of rounds, in parts. A part of rounds counts only if there
+is a part of runs with the same name, which is written after it. So the sweep may be cut off at any
+moment, and what is on disk is correct. Parts are written under another name first.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""The time that a run may take, in a worker.
+"""Playing one run in a worker: its time limit, its result, and what is known of its scene.
 
-Time is that of the machine, and decides about nothing but whether there is a result: a run that is
-over its limit is a row with that reason.
-
-Nothing is raised but interrupts: what goes wrong in a run is a row of its own. A process that plays
-may live for long, and files change: what is played is what was asked for.
-
-What is found out of a scene after its runs were played: added to their rows.
+The limit is in time of this machine, and decides only whether there is a result: a run over its
+limit becomes a row with that reason. Only interrupts are raised; any other failure of a run becomes
+a row too. A worker may live for long while files change, so it checks that it plays what was asked
+for. The facts about a scene are added to the rows after its runs were played.
 """
 
 from __future__ import annotations

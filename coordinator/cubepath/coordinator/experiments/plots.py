@@ -1,7 +1,7 @@
 """The plots of a report: growth with the size, and the way to the goal round by round.
 
-Rules differ in colour, marker and line, so that no plot needs its colours. The same data gives the
-same bytes.
+Rules differ in colour, marker and line, so no plot needs its colours. The same data gives the same
+bytes.
 """
 
 from __future__ import annotations

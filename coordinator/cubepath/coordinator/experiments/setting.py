@@ -1,13 +1,11 @@
-"""Ranges and lists in names: `hex:n=4..12..4,bend=60,120` stands for six systems.
+"""One run of a sweep as data: ranges in names, its id, its rule's sources, its slow modules.
 
-But errors.
+A range or a list in a name, as in `hex:n=4..12..4,bend=60,120`, stands for several systems; six
+here.
 
-A run's id is a hash of its configuration, of what its files contain and of the code, so that a run
-that is known need not be run again, and any other one is.
-
-What a rule from elsewhere follows from: its files, and what it has learned.
-
-Which modules are slow in a run: the same ones under every rule, clock and core.
+A run's id is a hash of its configuration, of the contents of its files and of the code, so a run
+with a known id is not repeated. For a rule from elsewhere, the hash covers its files and what it
+learned. The slow modules are the same ones under every rule, clock and core.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A sweep as data: which systems, rules, clocks, hesitations, faults and seeds, all with all.
+"""A sweep as data: every combination of systems, rules, clocks, hesitations, faults and seeds.
 
-What is written in a file or on the command line is expanded in one order: by system, rule, clock,
-hesitation, faults and, fastest, seed.
+A file and the command line are expanded in the same order: by system, rule, clock, hesitation,
+faults and, fastest, seed.
 """
 
 from __future__ import annotations

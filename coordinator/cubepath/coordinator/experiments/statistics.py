@@ -1,4 +1,4 @@
-"""Intervals and tests for results of experiments: exact where that can be, else by resampling.
+"""Intervals and tests for results of experiments: exact where possible, else by resampling.
 
 Resampling is seeded, so the same numbers give the same answer.
 """

@@ -1,4 +1,4 @@
-"""Sweeps: all runs that are not finished yet are played, and their rows kept as they come."""
+"""Playing a sweep: all runs that are not finished yet, with their rows kept as they arrive."""
 
 from __future__ import annotations
 

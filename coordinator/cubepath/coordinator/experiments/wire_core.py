@@ -1,7 +1,7 @@
-"""Runs with messages, as they were gathered: their paths, lost claims and messages.
+"""Runs with messages, as gathered: their paths, lost claims and messages.
 
-Faults come at the rates of the setting, drawn from the seed; without them the path is that of the
-same run in compiled code, which the simulator checks.
+Faults occur at the rates of the setting, drawn from the seed. Without faults, the path is that of
+the same run in compiled code, which the simulator checks.
 """
 
 from __future__ import annotations

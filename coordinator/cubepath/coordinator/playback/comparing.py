@@ -1,6 +1,6 @@
-"""A replay compared with the record: what was gathered anew is what the coordinator once wrote.
+"""A replay compared with its recording: the new results against the ones the coordinator wrote.
 
-How much of its run a recording holds, and so what a replay can be compared with.
+How much of its run a recording holds decides what a replay can be compared with.
 """
 
 from __future__ import annotations

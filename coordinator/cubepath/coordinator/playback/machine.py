@@ -1,7 +1,7 @@
-"""The player as a pure machine: time and orders come in as data, what is to be done comes out.
+"""The player as a pure machine: time and orders come in as data, effects come out as data.
 
-It reads the recording, knows no clock and puts nothing: its driver says what time it is, and
-does what it says. So a test plays an hour in no time. Orders, and what they answer, are structs,
+It reads the recording, knows no clock and publishes nothing: its driver tells it the time and
+carries out its effects. So a test plays an hour in no time. Orders and their answers are structs,
 which are JSON on the wire: docs/replay.md specifies the keys.
 """
 

@@ -1,8 +1,8 @@
-"""A player that is paused, stepped and moved from Python while others listen; and a whole replay.
+"""A player that you pause, step and move from Python while others listen; and a whole replay.
 
-The messages of module processes go through a router from one session to another, under their
-original keys but a new run id, and a fresh coordinator gathers them. Without rounds what keepers
-say is put back too. Anything else that is connected to the router receives them as well.
+The messages of module processes travel through a router from one session to another, under their
+original keys but a new run id, and a fresh coordinator gathers them. Without rounds, the messages
+of keepers are put back too. Anything else that is connected to the router receives them as well.
 """
 
 from __future__ import annotations

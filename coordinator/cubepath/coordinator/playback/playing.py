@@ -1,7 +1,7 @@
-"""The shell around the machine: sessions, a router, the clock, and orders as they come in.
+"""The shell around the machine: sessions, a router, the clock, and incoming orders.
 
-Whatever happens comes through one queue, so nothing is done in a callback of zenoh, and orders from
-a keyboard, from Python and from zenoh are taken in their order of arrival.
+Everything arrives through one queue, so zenoh's callbacks do no work, and orders from a keyboard,
+from Python and from zenoh are carried out in their order of arrival.
 """
 
 from __future__ import annotations

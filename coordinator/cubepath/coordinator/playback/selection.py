@@ -1,9 +1,9 @@
-"""Which messages of a recording are played, and what is gathered of them, a segment at a time.
+"""Which messages of a recording are played, and what is gathered of them, segment by segment.
 
-A segment begins at the start, or where the replay jumped to. A recording that begins on the way, or
-has a hole, is gathered from the first whole round: its reports say where modules stood. Without
-rounds a state is what all commits so far have made of the start; snapshots on the way spare reading
-them again.
+A segment begins at the start, or where the replay jumped to. A recording that begins in the middle
+of its run, or has a hole, is gathered from its first whole round, whose reports say where the
+modules stood. Without rounds, a state is the start with all commits so far applied; snapshots in
+between save reading them again.
 """
 
 from __future__ import annotations

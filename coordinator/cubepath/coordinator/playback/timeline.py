@@ -1,10 +1,10 @@
-"""The messages of a recording by their place: the one at a mark, the next, the first of a round.
+"""The messages of a recording by position: the one at a mark, the next, the first of a round.
 
-Places and speeds as users write them: "12", "3.5s"; "10", "2x", "max".
+It also reads positions and speeds as users write them: "12", "3.5s"; "10", "2x", "max".
 
-It reads files a chunk at a time, and keeps the last few chunks. Places are found without reading
-what lies before them: a round by the log times of chunks, a time by halving, as the clock of a run
-goes forward.
+Files are read one chunk at a time, and the last few chunks are kept. A position is found without
+reading what lies before it: a round by the log times of chunks, a time by bisection, since the
+clock of a run only goes forward.
 """
 
 from __future__ import annotations

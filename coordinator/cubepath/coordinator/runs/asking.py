@@ -1,16 +1,13 @@
-"""Asking a run how it stands, over zenoh: whoever may join may ask.
+"""Asking a run for its status, description or moves over zenoh: every guest may ask.
 
-A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is the status after
-the last complete round, so it is answered at once whatever the run is doing. On
-``cubepath/RUN/about`` it says what it is. A run without rounds also answers on
-``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order in which
-they could have been made.
+A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON: the status after the last
+complete round, so it answers immediately whatever the run is doing. A run without rounds also
+answers on ``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order
+in which they could have been made.
 
-What a run says of itself to whoever comes to listen: its parameters, scene and schedule.
-
-A run answers queries on ``cubepath/RUN/about`` with `RunInfo` as JSON, before its processes join
-and whatever it is doing, as long as its router is there; and a liveliness token on the same key
-tells whether it still goes on. Whoever may listen may ask.
+On ``cubepath/RUN/about`` it answers with `RunInfo` as JSON: its parameters, scene and schedule. It
+does so before its processes join and as long as its router runs; a liveliness token on the same key
+shows whether the run is still under way.
 """
 
 from __future__ import annotations

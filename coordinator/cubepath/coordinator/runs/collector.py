@@ -1,10 +1,8 @@
-"""A node that collects what is said in a run without rounds, and asks for what it lacks.
+"""A node that collects the messages of a run without rounds, and asks for those it lacks.
 
-It decides nothing, and nobody waits for it: it may come late, or go and come back, as keepers have
-logged everything that was committed. Other messages are said again as long as their senders have
-them.
-
-Which messages of a free run have arrived, by their senders' numbers, and which are lost.
+It decides nothing, and nothing waits for it. It may start late, or leave and come back, since
+keepers have logged everything that was committed. Other messages are sent again as long as their
+senders have them. By the senders' numbers it knows which messages have arrived, and which are lost.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What a coordinator does with what it hears: it gathers, ends the run, and says what came of it.
+"""What a coordinator does with its messages: it gathers, ends the run, and states the outcome.
 
-Pure, like the nodes: it is given messages and gives messages for the record. A run over zenoh and
-one under the simulator have the same conductor.
+It is pure, like the nodes: messages come in, and messages for the recording come out. A run over
+zenoh and a simulated one use the same conductor.
 """
 
 from __future__ import annotations

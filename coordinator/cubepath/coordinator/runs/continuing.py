@@ -1,8 +1,8 @@
-"""What if other rules took over: a run that goes on from any round of a recording.
+"""What if other rules took over: a run that continues from any round of a recording.
 
-Until then each module chooses what it chose on record, so the run passes through the same states;
-from then on it follows a rule, from where it stands and with no memory. It is a run like any other,
-in processes, and its recording names the one that it comes from.
+Until that round each module repeats its recorded choices, so the run passes through the same
+states. From then on it follows a rule, from where it stands and with no memory. It is a run like
+any other, in processes, and its recording names the one it started from.
 """
 
 from __future__ import annotations

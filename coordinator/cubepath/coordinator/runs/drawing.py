@@ -1,7 +1,7 @@
-"""A picture of a whole run: some of its states, and its schedule; or of a scene without a run.
+"""A picture of a whole run, with some of its states and its schedule; or of a scene without a run.
 
-Modules are followed through the moves from where they start, so only the scene and the moves are
-needed. matplotlib is imported when something is drawn.
+Modules are followed through the moves from the start, so only the scene and the moves are needed.
+matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations

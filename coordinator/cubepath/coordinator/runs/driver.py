@@ -1,7 +1,7 @@
 """The loop of a run and its ending, the same for both clocks.
 
 However a run ends, its results are published first, then its processes are ended, and then the
-results are put on record. What breaks into that is raised when it has been done.
+results are recorded. An interrupt during the ending is raised after that.
 """
 
 from __future__ import annotations

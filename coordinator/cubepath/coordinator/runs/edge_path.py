@@ -1,7 +1,7 @@
 """The edge path of a run as it was gathered, and its normal cube path.
 
-A run with rounds and one without are gathered differently, and read alike: what one has in rounds
-the other has in levels.
+Runs with and without rounds are gathered differently and read alike: levels take the place of
+rounds.
 """
 
 from __future__ import annotations

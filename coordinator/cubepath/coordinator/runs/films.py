@@ -1,10 +1,8 @@
 """Films of a run or of its schedule, with one frame for each step.
 
 matplotlib is imported when something is drawn. All frames share one table of colours, so that a
-module has the same colour in each.
-
-A film may also show a run beside its schedule: the states of both on one time axis, above their
-moves.
+module has the same colour in each. A film may also show a run beside its schedule: the states of
+both on one time axis, above their moves.
 """
 
 from __future__ import annotations

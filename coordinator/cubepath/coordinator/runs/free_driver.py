@@ -1,7 +1,7 @@
-"""A run without rounds: keepers and modules in processes, what they did gathered and on record.
+"""A run without rounds: keepers and modules in processes, gathered and recorded.
 
-It starts the fleet and listens; nothing in the run waits for it. It ends when the modules are at
-their goal, at a level, or when nothing has come of anyone for long.
+It starts the fleet and listens; nothing in the run waits for it. The run ends when the modules are
+at their goal, at a given level, or when no module has made progress for a given time.
 """
 
 from __future__ import annotations

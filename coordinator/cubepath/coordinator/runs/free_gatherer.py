@@ -1,11 +1,11 @@
 """Gathering a run without rounds: from commits of keepers, in any order, to its edge path.
 
-A commit says which version of each unit it read and overwrote, and how often what it overwrote had
-been read. So it is released when the units are as it found them: no clock and no order of arrival
-decides, and what was released at any time could have been all that happened. The path is ordered by
-levels, in a level by generator and place: moves of one level commute.
+A commit names the version of each unit that it read and overwrote, and how often what it overwrote
+had been read. It is released when the units are as it found them. So the result depends on no clock
+and no order of arrival, and what is released at any time is a state the run could have been in. The
+path is ordered by level, and within a level by generator and place: moves of one level commute.
 
-The commits of one keeper: which of them have come.
+The commits of each keeper are counted by their numbers, so missing ones are known.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
 """Gathering: from the reports of modules, in any order of arrival, to the edge path of a run.
 
 A round is released when every module has reported it, so the result depends on no clock and no
-order of arrival; a report that arrives twice counts once. What no module can have done, given where
-all of them stood, is not gathered.
+order of arrival; a report that arrives twice counts once. A report of something that no module can
+have done, given where all of them stood, is refused.
 
-Whether what modules say and report can be, given where all of them stand.
-
-It knows the state at the beginning of the round and all that was said in it. What a module says is
-plausible if it says so from where it is, the same to every region that it goes to; a claim is of an
-admissible move. A process is through with a phase when its modules have said all that is due. When
-all are, verdicts and reports must follow from the claims and the ranks: so who has lied is told
-from those who were lied to. When all have reported, the state goes on.
+`Plausibility` judges what modules send and report. It knows the state at the beginning of the round
+and everything sent in it. A message is plausible if it comes from where its module is, and says the
+same to every region; a claim must be of an admissible move. A process has finished a phase when its
+modules have sent all that is due. When all processes have, verdicts and reports must follow from
+the claims and the ranks, which tells a liar from the modules it lied to. When all have reported,
+the state advances.
 """
 
 from __future__ import annotations

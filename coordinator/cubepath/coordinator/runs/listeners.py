@@ -1,4 +1,4 @@
-"""What listens to a run: functions that are called with its messages, and taps that hold them."""
+"""Listeners of a run: functions that are called with its messages, and taps that hold them."""
 
 from __future__ import annotations
 

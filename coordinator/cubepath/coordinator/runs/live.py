@@ -1,8 +1,8 @@
 """Some modules live and the others from a recording, up to the first divergence, which is named.
 
-The modules of a recording are played again in a run of real processes: those that are live follow
-their rule, the others choose what they chose on record. As long as the live ones do as before,
-every message is the one on record; so whatever differs first is theirs.
+The modules of a recording are played again in a run of real processes: the live ones follow their
+rule, the others repeat their recorded choices. As long as the live ones do as before, every message
+equals the recorded one; so the first difference comes from a live module.
 """
 
 from __future__ import annotations

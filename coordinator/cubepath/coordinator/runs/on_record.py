@@ -1,7 +1,7 @@
-"""What the modules of a recording said and chose, round by round, to be chosen again.
+"""What the modules of a recording sent and chose, round by round, so that a run can repeat it.
 
-Nothing of the recording is taken on trust that the run which repeats it does not derive again; here
-it is only checked that reports and claims fit together.
+The run that repeats it derives everything again, so nothing in the recording is trusted. This
+module checks only that reports and claims fit together.
 """
 
 from __future__ import annotations

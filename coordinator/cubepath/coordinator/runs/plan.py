@@ -1,4 +1,4 @@
-"""What to run: a plan, checked; the name of its recording, and what that says of it."""
+"""What to run: a checked plan, the name of its recording, and the parameters recorded in it."""
 
 from __future__ import annotations
 

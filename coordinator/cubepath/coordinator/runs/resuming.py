@@ -1,14 +1,12 @@
-"""Taking up a run without rounds that was cut off: its recording, and the logs of its keepers.
+"""Resuming a run without rounds that was cut off: its recording, and the logs of its keepers.
 
-While such a run goes on, the logs of its keepers are in a folder beside its recording; a run that
-comes to its end takes the folder away, unless it failed.
+While such a run is under way, the logs of its keepers are in a folder beside its recording. A run
+that ends removes the folder, unless it failed.
 
-Whether the logs of a run's keepers are as late as what else is known of the run.
-
-A log without its last records is whole in itself: a crash before they were written would have left
-the same. But a keeper logs first and speaks then, so the logs of other keepers, and the recording,
-tell what a log must have. Numbers of a keeper only grow along its log, so it is enough to compare
-the last ones.
+A log that lacks its last records is valid in itself: a crash before they were written would have
+left the same. But a keeper logs before it sends, so the logs of other keepers and the recording
+show which records a log must have. The numbers of a keeper only grow along its log, so it is enough
+to compare the last ones.
 """
 
 from __future__ import annotations

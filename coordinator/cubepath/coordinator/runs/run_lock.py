@@ -1,6 +1,6 @@
-"""Whose turn it is with a run: one thread at a time, and nobody who listens to a round goes on.
+"""Who may act on a run: one thread at a time; a listener of a round cannot step the run.
 
-Interrupts as exceptions, raised between two messages and never in the middle of one.
+Interrupts become exceptions that are raised between two messages, never in the middle of one.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Reading a schedule, and giving each module its own part of it.
 
-Before the run begins, the modules are followed through the cubes from the start of the scene, by
-the traces of the moves alone. This determines which module makes each move, and each module is
-given its own part.
+Before the run begins, the modules are followed through the cubes from the start of the scene, using
+only the traces of the moves. This determines which module makes each move, and each module receives
+only its own moves.
 
-Without rounds, the cubes are followed from the start by counting, so each module is told with its
-own moves how often their units have been written and read before.
+Without rounds, units are counted along the cubes from the start, so each module also receives, with
+its own moves, how often their units have been written and read before.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Shortening a path: its normal cube path, from its file and nothing else.
 
-The heap of pieces is built here, once for each path. Cubes, certificate and timetable are read off
-from what became of each move.
+The heap of pieces is built here, once for each path. Cubes, certificate and timetable are read from
+the level and the partner that each move got.
 """
 
 from __future__ import annotations

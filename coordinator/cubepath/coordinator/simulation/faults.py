@@ -1,13 +1,11 @@
 """Faults of a simulated wire: what can happen, and where it is decided that it does.
 
 A fault has a place and a count: the 12th message on the way up from process_1, the 40th message
-that the coordinator takes. So a list of faults means the same when other faults are taken away, and
-a failing run can be shrunk.
+that the coordinator takes. So a list of faults means the same when you remove some of them, and a
+failing run can be shrunk.
 
-Faults of runs without rounds: at any time and place, until they are over.
-
-Nothing ends such a run, so what happens may take as long as it likes; after the faults every
-process is back, or gone for good.
+In runs without rounds a fault happens at any time and place, up to a last one. Nothing ends such a
+run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """What must hold at every moment of a run without rounds, whatever happens to its processes.
 
-It is shown every record of every journal, as soon as that is sure to stay, and everything that is
-put on the wire; it shares no code with keepers and modules.
-
-The state of a run without rounds, from its commits alone, in plain dictionaries.
-
-Commits come in the order in which they are logged, which is a legal path; each is checked against
-all that came before.
+It receives every record of every journal once that record is sure to stay, and everything that is
+put on the wire. It shares no code with keepers and modules, and keeps the state of the run in plain
+dictionaries, from the commits alone. Commits arrive in the order in which they are logged, which is
+a legal path; each is checked against all earlier ones.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
 """One simulated run without rounds: its nodes on a simulated wire, and what must hold throughout.
 
-A run has faults first. When they are over it must go on: to its goal, or for some more moves. Then
-no more attempts are let through, and everything must come to rest, with all that modules sense as
-it is.
+A run has faults first. When they are over it must make progress: to its goal, or for some more
+moves. Then no more attempts are let through, and everything must come to rest, with everything that
+modules sense up to date.
 
-The coordinator of a simulated run without rounds, as a node: it gathers, and decides nothing.
-
-It asks keepers for what they have committed again and again, as that of a run over zenoh does.
-
-Its journals survive their keeper, but for what was being written; every record is shown to whoever
-checks the run, once it is sure to stay.
+Its coordinator is a node that gathers and decides nothing; like that of a run over zenoh, it keeps
+asking keepers for what they have committed. Journals survive their keeper, except for a record that
+was being written. The oracle receives every record once it is sure to stay.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Liars: processes of a simulated run that say what is not so, and how each kind of lie is told.
+"""Liars: processes of a simulated run that send false messages, and how each lie is detected.
 
-A liar has the node of an honest process; what that puts is changed on its way to the wire. The same
-message is changed in the same way whenever it is repeated. A liar speaks in its own name alone, as
-routers see to that, so it puts on no key of another.
+A liar has the node of an honest process; its messages are changed on their way to the wire. The
+same message is changed in the same way whenever it is repeated. A liar speaks only in its own name,
+as routers ensure, so it publishes on no key of another.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """A simulated wire: nodes in processes, one router, links with delays and faults, virtual time.
 
-One thread and a heap of events, ordered by time and then by a number; nothing depends on the clock,
-a hash or the order of a set. A message goes from its putter to the router and from there to every
-listener but the putter. Links keep the order of messages unless a fault says otherwise.
+One thread processes a heap of events, ordered by time and then by a number; nothing depends on the
+clock, a hash or the order of a set. A message travels from its sender to the router and from there
+to every listener but the sender. Links keep the order of messages unless a fault changes it.
 
-What happens is kept in order as a trace, from which pictures are drawn: the same seed gives the
-same trace.
+Events are kept in order as a trace, from which pictures are drawn: the same seed gives the same
+trace.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What a seed stands for: a system, a rule, modules in processes, and the rounds that they have.
+"""What a seed stands for: a system, a rule, processes with modules, and a number of rounds.
 
-Instances are small, so that a run takes some hundredths of a second; one in twenty is larger.
-Under the free clock there are keepers as well.
+Instances are small, so that a run takes some hundredths of a second; one in twenty is larger. Under
+the free clock there are keepers as well.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""One simulated run: the nodes of a run on a simulated wire, and what must hold of what they did.
+"""One simulated run: the nodes of a run on a simulated wire, and what must hold of the result.
 
-A run without faults is played in the environment as well, in one process and by other code: the
-edge path must be the same, and of a run that was ended by a fault it must be the beginning of that.
-The recording of every run must pass `verify`. Its coordinator is one node, which does what a run
-over zenoh does between the pacing node and the conductor.
+A run without faults is also played in the environment, in one process and by other code: the edge
+path must be the same. If a fault ended the run, its path must be the beginning of that one. The
+recording of every run must pass `verify`. The coordinator is one node, which does what pacing node
+and conductor do in a run over zenoh.
 """
 
 from __future__ import annotations

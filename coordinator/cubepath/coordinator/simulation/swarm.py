@@ -1,9 +1,10 @@
-"""Many seeds, each a run with faults of its own: what came of them, and the failing ones kept.
+"""Many seeds, each a run with its own faults: the results, with failing runs shrunk and kept.
 
-A failing run is made small: fewer modules, fewer rounds and fewer faults, as long as it fails so.
-The faults of a run are a list, so taking one away leaves the others where they are: first halves of
-the list are tried, then smaller parts (delta debugging, Zeller, 1999). What is left is written as a
-recording, with a picture of its messages. Runs with rounds and without have seeds of their own.
+A failing run is shrunk: fewer modules, fewer rounds and fewer faults, as long as it fails in the
+same way. The faults of a run are a list, so removing one leaves the others where they are: first
+halves of the list are removed, then smaller parts (delta debugging, Zeller, 1999). The shrunk run
+is written as a recording, with a picture of its messages. Runs with rounds and without have
+separate seeds.
 """
 
 from __future__ import annotations

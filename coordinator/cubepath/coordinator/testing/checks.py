@@ -1,6 +1,6 @@
-"""What a test asks for is checked where it asks: what could never happen is refused in one line.
+"""Checks of a test's requests: one that can never be met is refused in one line.
 
-Otherwise a fault with a name that is misspelt never happens, and the test is green.
+Otherwise a fault with a misspelt name never happens, and the test passes.
 """
 
 from __future__ import annotations

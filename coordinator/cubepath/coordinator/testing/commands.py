@@ -1,6 +1,6 @@
-"""Commands of others in processes of their own, that end with the test whatever happens.
+"""Your commands in separate processes, which end with the test whatever happens.
 
-Each runs under a `ward`, which ends it with all that it has started.
+Each runs under a `ward`, which ends it together with everything it started.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What the fixtures of the plugin for pytest give to a test, and what they do when it is over.
+"""What the fixtures of the pytest plugin give to a test, and what they do when it is over.
 
-The plugin imports this when a fixture is asked for.
+The plugin imports this when a fixture is used.
 """
 
 from __future__ import annotations

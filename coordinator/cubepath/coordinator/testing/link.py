@@ -1,12 +1,11 @@
-"""A link between one process and the router of a run, that a test can cut, slow down and falsify.
+"""A link between one process and the router of a run, which a test can cut, slow down and falsify.
 
-At its far end is a session that is a router, at a socket of its own, where the process connects; at
-its near end a client of the router of the run, with the credentials of the process. Messages,
-liveliness tokens and queries pass in both directions, each in its order, through the rules of the
-link. Neither the process nor the router knows of it.
+At its far end is a session that acts as a router, at a socket of its own, where the process
+connects. At its near end is a client of the router of the run, with the credentials of the process.
+Messages, liveliness tokens and queries pass in both directions, each in its order, through the
+rules of the link. Neither the process nor the router notices the link.
 
-One direction of a link: messages in their order, through rules, from one session to another.
-
+One direction of a link carries messages in their order, through rules, from one session to another.
 Zenoh's callbacks only enqueue; a thread does the work.
 """
 

@@ -1,7 +1,7 @@
-"""The log of a run as a test asks it: what was said, who claimed what when, and what must hold.
+"""The log of a run as a test queries it: what was sent, who claimed what when, what must hold.
 
 What must hold is derived by `auditing` and `verification`, which share nothing with the run. A
-failure tells where, with the messages around that place.
+failure names the place and shows the messages around it.
 """
 
 from __future__ import annotations

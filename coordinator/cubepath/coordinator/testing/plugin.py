@@ -1,7 +1,7 @@
 """The plugin for pytest: fixtures, seeds by parametrisation, and recordings in the report.
 
-Named by the entry point ``pytest11``, so it is imported by every pytest where cubepath is
-installed: it imports nothing but pytest before a fixture is asked for.
+The entry point ``pytest11`` names it, so every pytest imports it where cubepath is installed: it
+imports nothing but pytest before a fixture is used.
 """
 
 from __future__ import annotations

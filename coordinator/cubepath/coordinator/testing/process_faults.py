@@ -1,4 +1,4 @@
-"""What a test does to the processes of a run: kills, pauses and cuts them off, when it says."""
+"""What a test does to the processes of a run: it kills, pauses and cuts them off on command."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Rules of a faulty network: which messages are lost, late, doubled, held back or overtaken.
+"""Rules of a faulty network: which messages are lost, late, duplicated, held back or overtaken.
 
-A rule says nothing of time of arrival where it can be helped: with a probability it is the bytes of
-a message and the seed that decide, so the same messages are lost in every run.
+Where possible a rule does not depend on the time of arrival: with a probability, the bytes of a
+message and the seed decide, so every run loses the same messages.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A run under test: awaited, wounded and asked, with processes of ours and of others.
+"""A run under test: awaited, disturbed and queried, with processes of ours and of yours.
 
-With rounds it goes on only when it is told to; without, modules act when they are ready, and it is
-listened to. In both cases a test says until when, and what is to happen there.
+With rounds, it advances only when the test says so. Without, modules act when they are ready, and
+the test listens. In both cases a test says how far to run, and what should happen on the way.
 
-Commands of others that join a run under test, and are looked after until they have.
+Commands of yours can join a run under test; the test waits until they have joined, and ends them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Trials: a run under listed faults in virtual time, in this process, and what must hold of it.
 
 The nodes are those of real processes, on the wire of `simulation`. Strategies of hypothesis draw
-trials, and a trial can be written down by hand as well.
+trials, and you can also write a trial by hand.
 
-It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the room imports it.
+It needs hypothesis: ``pip install 'cubepath[testing]'``. No other module of the room imports it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""A ward: it runs a command, and sees that nothing is left of it when its parent is gone.
+"""A ward: it runs a command, and ends everything the command left when its parent is gone.
 
-Run as a script of its own, with the standard library alone, so that it starts at once. It adopts
-whatever the command leaves behind, and ends with all of it when the command ends, when its standard
-input closes, or when its parent is no longer there: a test process that is killed leaves nothing
-running. On standard input it can be told to watch other processes and folders, which are killed and
-removed too unless it is told that all is well.
+It runs as a separate script, with the standard library alone, so that it starts quickly. It adopts
+every process that the command leaves behind, and ends all of them when the command ends, when its
+standard input closes, or when its parent is gone: a killed test process leaves nothing running.
+Over standard input it can be told to watch other processes and folders; it kills and removes these
+too, unless it hears that all is well.
 
     python -I -S ward.py FD [COMMAND ...]
 """

@@ -1,9 +1,8 @@
-"""A message as a test sees it: what kind, of whom, to whom, and about which modules.
+"""A message as a test sees it: its kind, sender, receivers, and the modules it is about.
 
-One view of messages with rounds and without, so that rules of links, conditions and tables need not
-know the clock.
-
-Small tables of messages for the text of a failure: what was said around a place, and no more.
+It is one view of messages with rounds and without, so that rules of links, conditions and tables
+need not know the clock. Small tables of messages, for the text of a failure, show what was sent
+around a place.
 """
 
 from __future__ import annotations
