@@ -1,7 +1,7 @@
-"""What holds for all runs in a scene: a lower bound, the optimum, how far a state is from the goal.
+"""What holds for all runs in a scene: a lower bound, the optimum, distances to the goal.
 
-All of it is bounded by counts and never by time, so that it is the same wherever it is worked out,
-and worked out once in a process.
+Effort is bounded by counts and never by time, so the results are the same everywhere. A process
+computes each once.
 """
 
 from __future__ import annotations

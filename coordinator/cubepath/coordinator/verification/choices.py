@@ -1,8 +1,8 @@
-"""What a rule was given to choose from: the observation of a module, derived from a recording.
+"""What a rule had to choose from: the observation of a module, derived from a recording.
 
-Part of `cubepath verify`: states, sites and notes are those that verification derives or reads; of
-a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`, and
-how sites are encoded). It asks no rule: whoever has rules is a `RoundPlayer`.
+Part of `cubepath verify`. States, sites and notes are those that verification derives or reads;
+with a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`,
+and how sites are encoded). It asks no rule: code that has rules implements `RoundPlayer`.
 """
 
 from __future__ import annotations

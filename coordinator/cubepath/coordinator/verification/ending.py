@@ -1,9 +1,8 @@
-"""How a run ended: whether it went on as long as it had to, and no longer, and said why.
+"""How a run ended: whether it ran as long as it had to, and no longer, and gave the reason.
 
-Part of `cubepath verify`. After each round it is derived whether the run had to end there: a module
-gave up, the schedule stopped, the goal was reached, or the rounds were over. A schedule on record
-is compared with the reports, up to where it stopped; none of the code that assigned the moves is
-used.
+Part of `cubepath verify`. After each round it derives whether the run had to end there: a module
+gave up, the schedule stopped, the goal was reached, or the rounds were over. A recorded schedule is
+compared with the reports, up to where it stopped, without any of the code that assigned the moves.
 """
 
 from __future__ import annotations

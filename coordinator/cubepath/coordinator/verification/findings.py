@@ -1,4 +1,4 @@
-"""What verifying a recording finds: its checks, and the first failure of each.
+"""The findings of verifying a recording: its checks, and the first failure of each.
 
 Part of `cubepath verify`.
 """

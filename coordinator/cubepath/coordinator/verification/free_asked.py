@@ -1,4 +1,4 @@
-"""What modules asked and were shown, in numbers: as much of it as others are compared with.
+"""What modules asked for and were shown, in numbers: as much of it as is compared with others.
 
 Part of `cubepath verify`. Contents are compared by hashes of 64 bits, within one process.
 """

@@ -1,11 +1,8 @@
-"""Whether commits answer attempts, and what keepers say of attempts is what came of them.
+"""Whether commits answer attempts, and whether keepers report the true results of attempts.
 
 Part of `cubepath verify`. What was sensed is compared with the history at the versions at which it
-was committed.
-
-Whether modules act in epochs in which they entered, and epochs grow with incarnations.
-
-Part of `cubepath verify`.
+was committed. It also checks that modules act in epochs in which they joined, and that epochs grow
+with incarnations.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 """What was where at which version, derived from the start and the commits of keepers.
 
 Part of `cubepath verify`. Commits are put in an order in which they can have happened, by the
-versions that they name, and carried out one after another; so there is the site at every version of
-every unit, and the place and the register of every module at its versions. It shares only the
-catalogue and the tiles with a run. A version takes some numbers in arrays.
-
-An order in which the commits of a run without rounds can have happened, by their versions.
-
-Part of `cubepath verify`. Commits are named by numbers, and kept in arrays.
+versions that they name, and carried out one after another. The result is the site at every version
+of every unit, and the place and the register of every module at its versions. It shares only the
+catalogue and the tiles with a run. Commits are named by numbers; commits and versions are kept in
+arrays.
 """
 
 from __future__ import annotations

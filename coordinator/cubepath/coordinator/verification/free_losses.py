@@ -1,8 +1,8 @@
-"""What is missing of what senders said, by their numbers, and what is not checked for want of it.
+"""What is missing of the numbered messages, and what is not checked without it.
 
-Part of `cubepath verify`. Evidence that is lost on its way to the record is no fault of a run:
-where it is lacking, and a message of who would have given it is missing, nothing is said for or
-against. A contradiction is a failure in any case.
+Part of `cubepath verify`. Evidence that was lost on its way to the recording is no fault of a run:
+where a message that would have carried the evidence is missing, nothing is claimed either way. A
+contradiction is a failure in any case.
 """
 
 from __future__ import annotations

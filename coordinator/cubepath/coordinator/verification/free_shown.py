@@ -1,4 +1,4 @@
-"""Whether what keepers show, and tell at the end, is what was there.
+"""Whether what keepers show during a run, and report at its end, is what was there.
 
 Part of `cubepath verify`.
 """

@@ -1,9 +1,9 @@
-"""The messages of a run without rounds, by what they are about, before any of it is derived.
+"""The messages of a run without rounds, by subject, before any of it is derived.
 
 Part of `cubepath verify`: it shares only the decoding of messages with a run.
 
-No message is kept but for results: of a commit there are its numbers, of the others a few numbers
-and hashes each. Once all commits are known the messages are read again, and checked one by one.
+Only results are kept whole: of a commit its numbers are kept, of other messages a few numbers and
+hashes each. Once all commits are known the messages are read again, and checked one by one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a rule was shown in each turn, and whether its attempt is what it chose.
 
 Part of `cubepath verify`: a turn names the versions of what it was shown, and the history says what
-was there. It asks no rule: whoever has rules is a `FreePlayer`.
+was there. It asks no rule: code that has rules implements `FreePlayer`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Whole numbers by whole numbers, eight bytes each: what is kept of each message of a long run.
+"""A table from whole numbers to whole numbers, eight bytes each: the record of a long run.
 
-Part of `cubepath verify`.
-
-The commits of a run without rounds, some fifty bytes each.
+Part of `cubepath verify`. The commits of a run without rounds take some fifty bytes each.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The pace of a run: each phase begins once, in its order, when every process has answered.
 
 Part of `cubepath verify`. It follows the messages in the order in which they were recorded, which
-is that in which the coordinator put and heard them, and holds one phase at a time. docs/protocol.md
-has the phases.
+is the order in which the coordinator sent and received them, and holds one phase at a time.
+docs/protocol.md has the phases.
 """
 
 from __future__ import annotations

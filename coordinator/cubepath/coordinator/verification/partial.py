@@ -1,15 +1,13 @@
-"""Verifying a part of a run: from where it was attached to, of some topics, or cut from the middle.
+"""Verifying part of a run: one recorded from the middle, of some topics only, or cut, or damaged.
 
-Part of `cubepath verify`. Where modules stood when it begins is not on record, nor what rules
-remembered; so each message is checked by itself, and what would have to be derived is said not to
-be checked.
+Part of `cubepath verify`. The recording of such a part says neither where modules stood when it
+begins, nor what rules remembered. So each message is checked separately, and what would have to be
+derived is reported as not checked.
 
-Verifying a recording that damage has left with a hole: what stands before it as ever.
-
-Part of `cubepath verify`. Messages are numbered in the order of writing, and what is recovered
-keeps its numbers. What modules remember, and where they stand, follows from all that was said
-before, so after the hole each message is checked by itself, and what would have to be derived is
-said not to be checked.
+A recording that damage has left with a hole is verified as usual up to the hole. Messages are
+numbered in the order of writing, and recovered ones keep their numbers. Where modules stand and
+what they remember follows from everything before, so after the hole each message is checked
+separately too.
 """
 
 from __future__ import annotations

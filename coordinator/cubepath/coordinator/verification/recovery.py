@@ -1,7 +1,7 @@
-"""Recovering what can be read of a damaged recording, also when it has lost its scene.
+"""Recovering what can be read of a damaged recording, even one that has lost its scene.
 
-Part of `cubepath log recover -o`: what cannot be is found at the first message that contradicts
-it; what comes of all of them is for `verify` to say.
+Part of `cubepath log recover -o`. What cannot be true is found at the first message that
+contradicts it; `verify` judges the rest.
 """
 
 from __future__ import annotations

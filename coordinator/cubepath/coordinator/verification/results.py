@@ -1,6 +1,6 @@
-"""What the coordinator says of a run at its end, compared with what was derived.
+"""What the coordinator says about a run at its end, compared with what was derived.
 
-Part of `cubepath verify`; runs with rounds and without end alike, with `concluded`.
+Part of `cubepath verify`; runs with rounds and without both end with `concluded`.
 """
 
 from __future__ import annotations

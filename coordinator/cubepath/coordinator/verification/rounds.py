@@ -2,12 +2,8 @@
 
 Part of `cubepath verify`: it shares only the catalogue (`System.moves`), `commute` and the
 neighbourhoods of the system (`sensed`, `reach`) with a run. States, ranks, winners and deliveries
-are derived again, by their definitions.
-
-Batches: what the modules of a process say in a phase goes to the regions that it is for.
-
-Part of `cubepath verify`: where each part has to go is derived from the neighbourhoods of the
-system.
+are derived again, by their definitions. So are the regions to which each part of a bundle had to
+go.
 """
 
 from __future__ import annotations

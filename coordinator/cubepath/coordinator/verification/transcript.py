@@ -1,4 +1,4 @@
-"""A transcript: the messages of a recording by round and speaker, before any of it is checked.
+"""A transcript: the messages of a recording by round and sender, before any of it is checked.
 
 Part of `cubepath verify`: it shares only the decoding of messages with a run.
 """

@@ -3,10 +3,8 @@
 Source: Abrams and Ghrist, definition of catalogue and action; the hexagonal and arm generators
 follow their examples. A catalogue is data: it can be written to and read from a file.
 
-How a move is named outside a process: by its generator and where that is placed.
-
-Messages, files and schedules use this form. `at` is a site as decoded from JSON, in which lists
-stand for tuples; `cubepath.protocol.core.sites.site_from_json` makes it a site.
+Outside a process, a move is named by its generator and where that is placed, a
+`GeneratorPlacement`: in messages, files and schedules.
 """
 
 from __future__ import annotations

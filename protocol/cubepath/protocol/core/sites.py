@@ -1,9 +1,9 @@
 """Sites: the hashable places of a workspace, their JSON form, canonical order and key chunks.
 
-A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
-``(x, y, axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
+A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge ``(x, y,
+axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
 
-Numbers for things in order of first use: how sites become integers and bits.
+`Ordinals` numbers things in order of first use: so sites become integers and bits.
 """
 
 from __future__ import annotations

@@ -5,10 +5,9 @@ modules could be in its way, at the cost of the neighbourhood. It does not know 
 so a rule that is given a system gets only the static map.
 
 The class of a system answers every question about it: how it is written and read, how its sites are
-drawn, where modules can go, what is known of its paths. Code that asks for a class or a name
-instead would work only with the systems of today, so there is none.
-
-The graph that vehicles move on: vertices, edges and neighbours.
+drawn, where modules can go, what is known of its paths. No other code asks for a class or a name,
+which would work only with today's systems. A system on a graph also has its vertices, edges and
+neighbours.
 """
 
 from __future__ import annotations

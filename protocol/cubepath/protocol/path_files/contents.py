@@ -1,11 +1,10 @@
-"""Reading self-contained moves straight into arrays: no action is built, and no tuple of a line.
+"""Reading self-contained moves straight into arrays, without an action or a tuple per line.
 
-The bytes of the lines are scanned by compiled code (`scanning`). Each distinct text of a site is
-decoded once, by the same functions as everywhere, so that ``1`` and ``1.0`` are one site; each
-distinct text of contents becomes an action by the numbers of its sites (`supports`), so that lines
-that mean the same are the same action however they are written. Whatever is unusual is left to the
-reader of lines, `cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it,
-or that nothing is.
+Compiled code (`scanning`) scans the bytes of the lines. Each distinct text of a site is decoded
+once, by the usual functions, so that ``1`` and ``1.0`` are one site. Each distinct text of contents
+becomes an action by the numbers of its sites (`supports`), so that lines with the same meaning are
+the same action however they are written. Anything unusual is left to the reader of lines,
+`cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it, or accepts it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""How long moves take, and schedules: cubes to be executed one per round.
+"""How long moves take; schedules, one cube per round; and timetables, one move per line.
 
 Each move is named by its generator and its place. As text, a schedule has the format of a cubes
-file, see docs/files.md. The recording of a run that executed it holds it in this form.
-
-Timetables: when each move begins and how long it takes, one move per line.
+file, see docs/files.md. The recording of a run that executed a schedule holds it in this form. A
+timetable says when each move begins and how long it takes.
 """
 
 from __future__ import annotations

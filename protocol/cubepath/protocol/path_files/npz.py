@@ -1,12 +1,8 @@
 """The binary form of moves and cubes: a table of actions and numbers into it, as one .npz file.
 
-docs/files.md describes each array. Nothing in such a file is code: it is read without pickles, and
-its content is checked before it is used.
-
-The table of actions of a binary file, from and to the arrays in which paths are checked.
-
-Of each action the file lists the sites of its support, its trace and its two local states, as
-numbers into one list of sites; docs/files.md describes the arrays.
+For each action the table lists the sites of its support, its trace and its two local states, as
+numbers into one list of sites; docs/files.md describes each array. Nothing in such a file is code:
+it is read without pickles, and its contents are checked before use.
 """
 
 from __future__ import annotations

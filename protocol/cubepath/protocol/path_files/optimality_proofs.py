@@ -1,8 +1,8 @@
 """Proofs of optimality: a schedule, and the refutation of every schedule with fewer rounds.
 
-It touches only the file that it is given. This is the format, described in docs/proofs.md, of
-blocks as `proof_blocks` writes them. What a proof proves is decided by
-`proof_checking` of `theory`, which shares only this module with the code that makes proofs.
+This is the format, described in docs/proofs.md, of blocks as `proof_blocks` writes them.
+`proof_checking` of `theory` decides what a proof proves; it shares only this module with the code
+that makes proofs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Files of named blocks with checksums, in which proofs and the logs of solvers are kept.
+"""Files of named blocks with checksums, which hold proofs and the logs of solvers.
 
-After a first line come blocks: a line with name, length and CRC-32, so many bytes (zstd), and a
-line end; the last line has the number of blocks and the SHA-256 of all before it. So any changed
-byte is refused with the block that holds it and the place where that begins. See docs/proofs.md.
+After a first line come blocks: a line with name, length and CRC-32, then as many bytes (zstd), and
+a line end; the last line has the number of blocks and the SHA-256 of everything before it. So a
+changed byte is refused with the name and position of its block. See docs/proofs.md.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Which messages of a recording are taken, and what a recording says that was cut from another.
+"""Which messages of a recording are taken, and how recordings of one run are merged.
 
 Messages keep their bytes, their times and their numbers, by which `merge_recordings` puts them
-together again. What is cut says so in its parameters.
-
-Recordings of one run put together: parts of one file, or what several recorders have heard.
-
-`merge_recordings` says what counts as the same message, and in what order all are.
+together again: parts of one file, or the recordings of several recorders. A cut recording says so
+in its parameters. `merge_recordings` says which messages count as the same, and how they are
+ordered.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
 """Recordings: one MCAP file per run, written during the run and checked when read back.
 
 A recording holds every message as the exact bytes that were on the wire, on the topic KIND/SENDER,
-with its JSON Schema. Log time is the logical round, or the wall clock if that was asked for, or
-without rounds the level or the wall clock; publish time is the wall clock in nanoseconds, and
-sequence the order of writing. The parameters and versions of the run are a metadata record, the
-scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
-CRCs and are written when they are full, when half a second has passed, and when the caller says so,
-which a run does after each round: so a killed process loses less than a second, and no finished
-round.
+with its JSON Schema. Log time is the round, in a run without rounds the level, or on request the
+wall clock; publish time is the wall clock in nanoseconds, and sequence the order of writing. The
+parameters and versions of the run are a metadata record, the scene is the attachment `scene.toml`,
+and an executed schedule is `schedule.jsonl`.
 
-The messages of a recording, whole rounds at a time.
+Chunks carry CRCs. A chunk is written when it is full, when half a second has passed, and when the
+caller asks for it, which a run does after each round: so a killed process loses less than a second,
+and no finished round.
+
+Messages are read back in whole rounds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What remains of a recording that may have lost its scene or its parameters.
 
-The messages of every whole chunk are there. What the file no longer says of itself is told by who
-recovers it, or stays lost.
+The messages of every whole chunk are there. What the file no longer says about itself, you supply
+when you recover it; otherwise it stays lost.
 """
 
 from __future__ import annotations

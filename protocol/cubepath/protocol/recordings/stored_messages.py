@@ -1,8 +1,6 @@
-"""The messages of a recording: as stored, a chunk at a time, and decoded one after another.
+"""The messages of a recording: as stored, one chunk at a time, and decoded one after another.
 
-It touches the file that it was opened with.
-
-At any time a chunk of the file is in memory, and no more.
+At any time at most one chunk of the file is in memory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recordings as arrays and data frames: moves, claims and messages, a row each.
+"""Recordings as arrays and data frames: moves, claims and messages, one row each.
 
 `Recording` documents the columns.
 """

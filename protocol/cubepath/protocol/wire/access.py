@@ -1,9 +1,10 @@
-"""Who may speak on which keys: the access list of a router.
+"""Who may publish on which keys: the access list of a router.
 
-It guards speaking, not listening: everyone who is let in may subscribe to everything. The
-coordinator may say anything, a process may put on its own keys, and nobody else says a word;
-everyone may ask how a run stands and what it is, control a replay, and ask those who record a run
-for a snapshot. A denial is silent to who speaks. The names are those of `credentials`.
+It restricts publishing, not listening: every client that is let in may subscribe to everything. The
+coordinator may publish anything, a process may publish on its own keys, and nobody else may
+publish. Everybody may ask for the status and the description of a run, control a replay, and ask
+recorders for a snapshot. The sender of a denied message is not notified. The names are those of
+`credentials`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A certificate authority of one's own for runs on several hosts, and certificates by it.
+"""Your own certificate authority for runs on several hosts, and the certificates it issues.
 
-The router's certificate names the hosts that it is found at, and serves as nothing else; the others
-name who speaks and are for clients alone, so that nobody passes for the router. Keys are P-256.
+The router's certificate names the hosts where it listens, and serves for nothing else. The others
+name the sender and are for clients only, so no client can pose as the router. Keys are P-256.
 """
 
 from __future__ import annotations

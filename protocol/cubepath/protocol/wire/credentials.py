@@ -1,9 +1,10 @@
-"""By what a session shows who speaks: passwords, certificates, and the folder of a private router.
+"""The credentials with which a session authenticates: passwords, certificates, a router's folder.
 
-Whoever is left of a run takes the folder away, so a run that was killed leaves nothing behind. Its
-name is new each time; one that was left all the same is in nobody's way.
+The last process of a run removes the folder, so a killed run leaves nothing behind. Its name is new
+each time, so a folder that was left behind does no harm.
 
-The names are `COORDINATOR`, ``process_N`` and `GUEST`. A router over plain TCP asks nobody.
+The names are `COORDINATOR`, ``process_N`` and `GUEST`. A router over plain TCP authenticates
+nobody.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
 """Messages of a run without rounds: what modules ask of keepers, and what keepers answer and show.
 
 A *keeper* holds the units of some tiles. A *unit* is a site, or in a system with labels a place,
-which shows the site that is on there: what two moves may conflict over. An *attempt* of a module
+which shows the site that is on there: two moves may conflict over it. An *attempt* of a module
 passes through the keepers of its units in increasing order; the last one commits it, and that is
 the move. Until then any of them may refuse it. docs/free-clock.md has the protocol.
 
-What is said in one step to one receiver travels as one message with its parts. Bounds and unknown
-fields are as in `messages`.
+What a node sends in one step to one receiver travels as one message with its parts. Bounds and
+unknown fields are as in `messages`.
 
-`ask` and `turns` of a process, `pass`, `tell` and `shows` of a keeper are numbered by their sender
-in each `incarnation` of it, from 1 without gap: `sequence` is the number, 0 if it does not number
-them. `rest` and `tail` have none of their own, and tell the last one. Commits are numbered by
-`serial`.
+Each incarnation of a sender numbers its `requests` and `turns` (a process), or its `forwards`,
+`replies` and `tile` messages (a keeper), from 1 without gap: `sequence` is the number, 0 if the
+message is not numbered. `halted` and `commits` carry the last number instead. Commits are numbered
+by `serial`.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""Tiles: the small regions that places lie in, and which keeper has which.
+"""Keys, tiles and regions: where messages about a place are published, and which keeper has it.
 
-Everyone derives them from the system and the number of keepers alone. Tiles are a reach wide or a
-little more, so a move concerns few of them, and a keeper that is gone stops few modules.
+Tiles are the small regions that places lie in. Every process derives them from the system and the
+number of keepers alone. A tile is a reach wide or a little more, so a move concerns few of them,
+and a lost keeper stops few modules.
 
-What is said to places is put on a key of the region that they lie in. A process listens to the
-regions in which its modules stand, and gives each module only what is addressed to its place. A key
-is exact and ends with who puts on it, so that a router can guard who may; only the coordinator puts
-what is for a single process. Whoever gathers listens to all:
+A message for places is published on the key of the region in which they lie. A process listens to
+the regions in which its modules stand, and gives each module only what is addressed to its place. A
+key is exact and ends with its sender, so that a router can restrict who may publish on it; only the
+coordinator publishes messages for a single process. A coordinator listens to all:
 
     cubepath/RUN/to/0,1/process_3 what process 3 says to places in the region 0,1
     cubepath/RUN/reports/process_3 for anyone who gathers

@@ -1,13 +1,14 @@
 """Messages on the wire, as msgspec structs in JSON; the same bytes are recorded.
 
-In each round a module says `here`, optionally a `note` and a `claim`, the `verdict` on its claim
-to the modules that wait for it, and makes its `report`. What the modules of one process say in a
-phase to a region travels as one message with its parts, `said`; their reports are one, `reports`.
-The coordinator paces rounds with `go`, and processes answer `ready`; both count the messages of the
-phase, so that a receiver knows what it misses and asks for it `again`, and carry nothing else.
+In each round a module sends `presence`, optionally a `note` and a `claim`, the `verdict` on its
+claim to the modules that wait for it, and its `report`. What the modules of one process send in a
+phase to a region travels as one message with its parts, a `bundle`; their reports are one message,
+`reports`. The coordinator paces rounds with `go`, and processes answer `ready`; both count the
+messages of the phase, so that a receiver knows what it misses and asks for it with `retransmit`,
+and carry nothing else.
 
-Bytes with a field of another type, a number or a text beyond its bounds, or without a field are no
-message; a field that is not known is of a later version, and is passed over.
+Bytes with a field of a wrong type, a number or a text beyond its bounds, or without a required
+field are no message. An unknown field belongs to a later version and is ignored.
 """
 
 from __future__ import annotations

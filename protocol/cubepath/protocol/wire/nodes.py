@@ -1,8 +1,8 @@
 """Nodes: the protocol as pure machines, between a wire and the code that decides.
 
-A node is told of messages and ticks, and gives effects as data: messages to put, keys to listen to,
-a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs in a
-process on zenoh and under a simulator. A shell carries the effects out in their order.
+A node receives messages and ticks, and returns effects as data: messages to publish, keys to listen
+to, a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs
+in a process on zenoh and under a simulator. A shell carries the effects out in their order.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""The router of a run, in a process of its own.
+"""The router of a run, in a separate process.
 
 In the coordinator's process it would share zenoh's receiving threads with the coordinator's own
-session, and under a flood the two would wait for each other. Started as ``python -m
-cubepath.protocol.wire.router`` with one line of JSON (`Routing`) on standard input; it writes where
-it listens on standard output, and ends when its standard input closes.
+session, and under a flood the two would wait for each other. It is started as ``python -m
+cubepath.protocol.wire.router`` with one line of JSON (`Routing`) on standard input. It prints its
+address on standard output, and ends when its standard input closes.
 
 Without an endpoint a router is private: it listens on a unix socket that only this user can reach,
-knows everyone by a password that is made anew for it, and lets each speak on its own keys.
+knows every client by a password that is created for this run, and lets each publish on its own
+keys.
 """
 
 from __future__ import annotations

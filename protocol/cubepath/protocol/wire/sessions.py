@@ -1,10 +1,10 @@
 """Zenoh sessions: a router, clients to it, and no discovery.
 
 The settings ensure that no client loses a message: BLOCK puts, one priority, a long wait before a
-stalled transport is closed, no shared memory (its counters run out at about 350 clients). A link to
-a process that stands still is kept for longer than anyone is patient; a process that ends is
-noticed at once all the same. A router waits for nobody as long: who does not read what it sends is
-cut off, comes back, and asks for what it missed. Measured with eclipse-zenoh 1.10.
+stalled transport is closed, no shared memory (its counters run out at about 350 clients). The link
+to a stopped process is kept for longer than any run waits; a process that ends is noticed
+immediately all the same. A router does not wait that long: it cuts off a client that does not read,
+and the client reconnects and asks for what it missed. Measured with eclipse-zenoh 1.10.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""A shell: it carries out on zenoh what a node asks for, and tells it what arrives.
+"""A shell: it carries out on zenoh what a node asks for, and passes on what arrives.
 
-Zenoh's callbacks only enqueue; `step` takes one message or tick from the queue, in order. Keys that
-are put on often have a declared publisher, which costs less than a put on the session.
+Zenoh's callbacks only enqueue; `step` takes one message or tick from the queue, in order. Keys with
+frequent messages have a declared publisher, which costs less than a put on the session.
 
-What every process of a run does that was started by another one: it ends with its parent.
-
-The configuration comes in one line of JSON on standard input, never on a command line. When that
-input closes, the parent is gone, and so is the process.
+Every child process of a run ends with its parent: its configuration comes in one line of JSON on
+standard input, never on a command line, and when that input closes, the parent is gone.
 """
 
 from __future__ import annotations

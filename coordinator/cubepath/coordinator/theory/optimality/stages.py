@@ -1,6 +1,6 @@
-"""What is known beyond the class of a path, stage by stage, each in its share of the time.
+"""What is known beyond the class of a path, stage by stage, each within its share of the time.
 
-It touches the clock, to know when to stop, the processes of solvers, and the file of a proof.
+It uses the clock, to know when to stop, the processes of solvers, and the file of a proof.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A SAT solver in a process of its own, which is asked, waited for, and ended at any moment.
+"""A SAT solver in a separate process: ask it, wait for it, and end it at any moment.
 
-A solver that is told to stop after some time may not do so, and while it works in this process
-nothing else can: no interrupt is heard. So it works elsewhere.
+A solver that is told to stop after some time may not do so, and while it works in this process no
+interrupt gets through. So it works in another one.
 
-It touches processes, and files for logs that it is given.
+It uses processes, and files for logs that it is given.
 """
 
 from __future__ import annotations

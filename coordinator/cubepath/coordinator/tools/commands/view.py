@@ -1,4 +1,4 @@
-"""The command that draws: ``cubepath view``, a picture, a film, or a page for a browser."""
+"""The command ``cubepath view``: a picture, a film, or a page for a browser."""
 
 from __future__ import annotations
 

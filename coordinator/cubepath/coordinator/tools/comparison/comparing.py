@@ -1,9 +1,9 @@
 """Comparing two runs: what differs first, and why.
 
-Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
-from versions is compared; of anything else, and of a run with rounds and one without, the moves
-are. Of systems of two families nothing fits together, neither places nor modules nor moves: there
-only how the runs ended is compared. What would be ignored is refused in one line.
+Recordings of runs with rounds are compared round by round. For runs without rounds, what follows
+from versions is compared. For anything else, and for a run with rounds against one without, the
+moves are compared. Systems of two families have no places, modules or moves in common, so only the
+endings of their runs are compared. An option that would have no effect is refused in one line.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Two runs without rounds: the commits that differ first by what they depend on, and why.
 
-When things happened differs between any two such runs, and is not compared. A commit is the same in
-both if it is the same move of the same module, writes the same, and depends on the same commits,
-all of them the same; so runs all of whose commits are the same are equal up to commuting. Of the
-others those are first that depend on no other of them.
+The times of events differ between any two such runs, so they are not compared. A commit is the same
+in both runs if it is the same move of the same module, writes the same, and depends on the same
+commits, all of them the same; so runs whose commits are all the same are equal up to commuting. Of
+the other commits, the first are those that depend on no other differing one.
 
 The rule is asked again turn by turn, as in an audit, up to the turn that led to the commit.
 """

@@ -1,7 +1,7 @@
-"""A run without rounds as its versions tell it: commits with what they depend on, and turns.
+"""A run without rounds as its versions describe it: commits, their dependencies, and turns.
 
-Of what was said only commits, turns and incarnations are kept. Which commit depends on which
-follows from the versions that they name, never from the order of arrival.
+Of the messages only commits, turns and incarnations are kept. The versions that commits name say
+which commit depends on which, never the order of arrival.
 """
 
 from __future__ import annotations

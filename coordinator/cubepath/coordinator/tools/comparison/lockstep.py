@@ -1,7 +1,7 @@
-"""Two runs with rounds, gone through side by side: what differs first, round by round.
+"""Two runs with rounds, read side by side: what differs first, round by round.
 
-Nothing is derived here: what modules said is compared, each thing once, in the order of the run.
-Memory is that of the rounds in progress and of some numbers for each round.
+Nothing is derived here: the messages of modules are compared, each once, in the order of the run.
+Memory is that of the rounds in progress and a few numbers for each round.
 """
 
 from __future__ import annotations

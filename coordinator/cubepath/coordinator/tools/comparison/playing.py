@@ -1,8 +1,8 @@
-"""One module's rule asked again in each round of a record, with every number that it drew.
+"""One module's rule asked again in each round of a recording, with every number that it drew.
 
-As `auditing` does for all modules: an actor with the random streams of the seed is given what
-`verification` derives that the module observed. Here one module is played, with the rule, the seed
-and the hesitation of either run, to find what made it choose otherwise.
+`auditing` does this for all modules: an actor with the random streams of the seed receives the
+observation that `verification` derives. Here one module is played, with the rule, the seed and the
+hesitation of either run, to find what made it choose otherwise.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Why a module chose otherwise, and why a claim was granted in one run alone.
+"""Why a module chose otherwise, and why a claim was granted in only one of the runs.
 
-A cause is not guessed: the rule is asked again with one thing exchanged at a time, and what then
-makes it choose as in the other run is the cause. Where a rule cannot be asked, what differs is
-told, and what it did is not.
+A cause is not guessed: the rule is asked again with one thing exchanged at a time, and whatever
+then makes it choose as in the other run is the cause. Where a rule cannot be asked, the report says
+what differs, and not what that caused.
 """
 
 from __future__ import annotations

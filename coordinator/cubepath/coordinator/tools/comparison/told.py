@@ -1,4 +1,4 @@
-"""What comparing two runs finds, as data and for people.
+"""The results of comparing two runs, as data and for people.
 
 Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """

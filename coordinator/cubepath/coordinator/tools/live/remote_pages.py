@@ -1,8 +1,7 @@
-"""A run elsewhere as a page: what it tells whoever may listen, step by step.
+"""A run elsewhere as a page: what the run sends to its guests, step by step.
 
-Who watches is a guest of the run's router; the run is not touched.
-
-The levels of a run without rounds, from moves in any order that they allow.
+The viewer is a guest of the run's router; the run is not touched. The moves of a run without rounds
+may arrive in any order that they allow; their levels are computed here.
 """
 
 from __future__ import annotations

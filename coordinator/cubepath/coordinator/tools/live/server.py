@@ -1,8 +1,8 @@
-"""A small HTTP server on this machine alone, for the page of one run.
+"""A small HTTP server for the page of one run, on this machine only.
 
-A client that knows the token in its address may watch, and tell the run to pause. Requests that
-name another host, or that another site's page makes, are refused: a name that is made to point
-here, and a page that guesses, reach nothing of a run.
+A client that knows the token in its address may watch the run and pause it. Requests that name
+another host, or come from another site's page, are refused: neither a host name that points here
+nor a page that guesses can reach a run.
 """
 
 from __future__ import annotations

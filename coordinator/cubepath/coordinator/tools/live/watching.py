@@ -1,7 +1,7 @@
-"""A run of one's own as a page that is fed while it goes on: paused, by steps, or at a rate.
+"""Your own run as a page that is fed while the run is under way: paused, by steps, or at a rate.
 
-It listens to the run and paces it; it takes no part in it. Orders come in other threads than that
-of the run, which asks between two rounds how long it is to wait yet.
+It listens to the run and paces it, without taking part in it. Orders arrive in other threads than
+that of the run, which asks between two rounds how long it should wait.
 """
 
 from __future__ import annotations

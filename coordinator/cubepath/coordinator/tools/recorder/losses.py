@@ -1,11 +1,11 @@
-"""What was received of a run and waits to be written, and which messages did not come.
+"""Messages received and waiting to be written, and which messages never arrived.
 
-A queue of zenoh's is filled without Python, whose threads would otherwise take turns at every
-message; a sender that fills it waits, so publishers that block are held up by the link.
+Zenoh fills the queue without Python, whose threads would otherwise take turns at every message. A
+sender that fills it waits, so the link holds up publishers that block.
 
 With rounds, a process says with `ready` how many messages it has sent to each region; without
-rounds, senders number their messages. A publisher that adds a `SourceInfo` of zenoh numbers its
-messages as well. What comes late after all is no longer missing.
+rounds, senders number their messages. A publisher that adds zenoh's `SourceInfo` numbers its
+messages as well. A message that arrives late is no longer missing.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Which messages of a run are recorded, under which topic KIND/SENDER, and in which files.
 
-Each file of several is a recording by itself, closed before the next is begun.
+Each of several files is a complete recording, closed before the next begins.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A run recorded from outside, by a guest at the place where the run can be listened to.
+"""A run recorded from outside, by a guest of the router.
 
-Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: a
-router waits for a guest that does not read for a second, and then cuts it off. It comes back by
-itself, and what it missed is counted.
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not affected: a
+router waits up to a second for a guest that does not read, and then cuts it off. The guest
+reconnects by itself, and what it missed is counted.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""What was heard of a run with rounds, in an order in which the coordinator can have heard it.
+"""Messages heard of a run with rounds, in an order in which the coordinator can have heard them.
 
-A router keeps the order of each who speaks, not that between them: what a process has answered may
-come after what the coordinator says next because of it, or before what the process was asked. Then
-one waits for the other, for a short while. Touches no network.
+A router keeps the order of each sender, but not the order between senders: the answer of a process
+may arrive after the coordinator's next message, or before the question. Then one waits for the
+other, for a short while. This module uses no network.
 
-The log times of messages that were heard, and which of them came before.
-
-Log times are those of the run's own recording: the round, the greatest level so far, or the wall
-clock.
+It also gives messages their log times, which are those of the run's own recording: the round, the
+greatest level so far, or the wall clock.
 """
 
 from __future__ import annotations
