@@ -220,7 +220,7 @@ class Batch:
         told: tuple[NDArray[np.bool_], Ints] | None = None,
         live: NDArray[np.uint8] | None = None,
     ) -> NDArray[np.int8]:
-        """Play one round in every live environment and observe; return what came of each action.
+        """Play one round in every live environment and observe; return the result of each action.
 
         `actions` has shape (environments, modules). `told` says which modules speak, shape
         (environments, modules), and their notes. Actions are held against what was observed last.

@@ -85,7 +85,7 @@ class MoveKeeper:
         actions: NDArray[np.int32],
         playing: NDArray[np.bool_],
     ) -> None:
-        """Keep what came of a round; `actions` were chosen, shape (runs, modules)."""
+        """Keep the results of a round; `actions` were chosen, shape (runs, modules)."""
         tables, places, codes = before
         if tables is not self._tables:
             self._name()

@@ -43,7 +43,7 @@ class Scheduler(Protocol):
     """Chooses who acts."""
 
     def next(self, *, committed: bool) -> int:
-        """Return which module acts, given what came of the turn before; False at first."""
+        """Return which module acts, given the result of the previous turn; False at first."""
         raise NotImplementedError
 
     @property
@@ -74,7 +74,7 @@ class RoundRobin:
 
 
 class RandomOrder:
-    """Each at a pace of its own: with factor f a module acts f times more rarely than with 1.
+    """Each at its own pace: with factor f a module acts f times more rarely than with 1.
 
     The time between two of its turns is drawn from 1 - `jitter` to 1 + `jitter` times the average.
     """
@@ -108,9 +108,9 @@ class RandomOrder:
 
 
 class UnfairOrder:
-    """Whoever acted last acts again, as long as something comes of it.
+    """The module that acted last acts again, as long as that changes something.
 
-    Then comes whoever acted last before that and has not acted in vain since the last commit. A
+    Then comes the one that acted last before it and has not acted in vain since the last commit. A
     module that has waited for `_PATIENCE` turns for each module goes before all others.
     """
 
@@ -308,7 +308,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
         self._declared = choice
 
     def act(self, choice: Choice) -> ActionResult:
-        """Step with a whole choice, and return what came of it."""
+        """Step with a whole choice, and return the result."""
         self.declare(choice)
         self.step(choice.action)
         if self.last_turn is None:  # `step` has just set it

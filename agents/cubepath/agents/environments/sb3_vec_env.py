@@ -131,7 +131,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     def set_attr(
         self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None
     ) -> None:
-        """Raise AttributeError: rows are modules, which have no attributes of their own."""
+        """Raise AttributeError: rows are modules, which have no attributes."""
         del value, indices
         raise AttributeError(f"a module has no attribute {attr_name!r} to be set")
 

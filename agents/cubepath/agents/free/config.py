@@ -15,7 +15,7 @@ from cubepath.protocol.wire.credentials import GUEST, Credentials
 OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
 ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 HALT_S = 5.0
-"""How long modules halt that were told to, unless they are told again."""
+"""How long modules halt after an order to, unless it is repeated."""
 
 
 class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -34,7 +34,7 @@ from cubepath.protocol.wire.router import Router
 
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
-"""So long processes may take to end that were told to; killed they lose nothing either."""
+"""How long processes may take to end after they were told to; killed they lose nothing either."""
 INCARNATIONS = "incarnations"
 """The file in a folder of logs with the run that began them and its last incarnations."""
 _RESTARTS_MAX = 100
@@ -215,7 +215,7 @@ class FreeFleet(ProcessFleet):
             self._host(hosts[name])
 
     def leave(self, process: int) -> None:
-        """End a module process for good, without a crash: its modules stay where they are."""
+        """End a module process permanently, without a crash: its modules stay where they are."""
         self._children.kill(process_name(process))
 
     @property

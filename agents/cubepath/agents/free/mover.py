@@ -125,7 +125,7 @@ class Mover:
 
     @property
     def rests(self) -> bool:
-        """Return whether it was told to halt, and nothing can come of it any more."""
+        """Return whether it was told to halt, and no attempt of it is pending any more."""
         return self.halted and self._attempt is None and self.state in ("resting", "superseded")
 
     @property
@@ -198,7 +198,7 @@ class Mover:
         return moved
 
     def decided(self, decision: Decision, now_s: float) -> list[Ask]:
-        """Take note of what came of its attempt; return what it asks next."""
+        """Note the result of its attempt; return what it asks next."""
         attempt = self._attempt
         if attempt is None or self.state != "pending":
             return []
@@ -562,6 +562,6 @@ def _on(shown: dict[Site, Site], filled: Iterable[Site]) -> set[Site]:
 
 
 def paces(speeds: dict[int, float], jitter: float, module: int) -> Pace:
-    """Return the pace of a module; without a speed of its own it does not think at all."""
+    """Return the pace of a module; without its own speed it does not think at all."""
     factor = speeds.get(module, 0.0)
     return Pace(factor, jitter if factor else 0.0)

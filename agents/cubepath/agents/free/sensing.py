@@ -104,7 +104,7 @@ class Sensing:
     def take(self, shows: TileUpdate, now_s: float) -> tuple[list[Site], bool]:
         """Take what is shown; return the places of which something new is known.
 
-        And whether all of the tile is known now, so that places are empty of which nothing is said.
+        And whether all of the tile is known now, so that places that were not shown are empty.
         """
         tile = self._known.get(shows.tile)
         if tile is None:

@@ -68,7 +68,7 @@ class AttemptPlan:
 
 
 def held(system: System, places: Iterable[Site]) -> Share:
-    """Return the share of whoever holds places: all their units, and their registers."""
+    """Return the share of a keeper that holds places: all their units, and their registers."""
     units: list[Site] = []
     for place in in_order(set(places)):
         system.check_place(place)
@@ -95,8 +95,8 @@ def support_units(system: System, tiles: Tiles, move: Move) -> tuple[frozenset[S
 def planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     """Return what an attempt takes; NotAnAttempt if no module could make it.
 
-    What is told to have been sensed must lie within the module's sensing range, and make the move
-    admissible; whether it holds is for the keepers to say.
+    What the attempt claims to have sensed must lie within the module's sensing range, and make the
+    move admissible; whether it holds is for the keepers to say.
     """
     try:
         return _planned(system, tiles, attempt)

@@ -131,7 +131,7 @@ class _Last:
 
 @dataclass(slots=True)
 class _Out:
-    """What is to be said, by receiver."""
+    """Outgoing parts, by receiver."""
 
     passes: dict[int, list[Forwarded | Decision | Inquiry | Settled]] = field(default_factory=dict)
     tells: dict[int, list[Decision | Entered | Held]] = field(default_factory=dict)
@@ -247,7 +247,7 @@ class Keeper:
         return bool(self._prepared or self._unsettled or self._owed or self._holds)
 
     def said(self) -> list[FreeMessage]:
-        """Return what is to be said since this was last asked."""
+        """Return the outgoing parts since the last call."""
         out, self._out = self._out, _Out()
         for keeper in list(out.passes):
             if keeper in self._owed:
@@ -295,7 +295,7 @@ class Keeper:
             self._go_on()  # some may have waited for that alone
 
     def _again(self, passed: Forwarded, last: _Last, sender: int | None) -> None:
-        """Say again what came of an attempt that was seen before, or pass it on again."""
+        """Repeat the result of an attempt that was seen before, or forward it again."""
         attempt = passed.attempt
         if attempt.epoch < last.epoch:
             if sender is None:
@@ -417,7 +417,7 @@ class Keeper:
         self._pass(chain[chain.index(self.me) + 1], pending.passed)
 
     def _refuse(self, pending: _Pending, why: str) -> None:
-        """Refuse an attempt for good: it is remembered, so that no late double is granted."""
+        """Refuse an attempt permanently: it is remembered, so that no late double is granted."""
         passed, chain = pending.passed, pending.plan.chain
         decision = _refusal(passed.attempt, why)
         self._journal.append(Decided(decision))
@@ -572,7 +572,7 @@ class Keeper:
         self._pass(pending.plan.chain[-1], Inquiry(*name_of(pending.passed.attempt)))
 
     def _answer(self, keeper: int, inquiry: Inquiry) -> None:
-        """Say what came of an attempt that another keeper has prepared; if nothing yet, forbid it.
+        """Send the result of an attempt that another keeper prepared; if none yet, forbid it.
 
         From then on it is refused here, and so everywhere: an expired lease.
         """
@@ -585,7 +585,8 @@ class Keeper:
         if isinstance(waiting, _Pending) and name_of(waiting.passed.attempt) == name:
             if not self._waits_for_a_hold(waiting):
                 return
-            # Whoever holds may come to wait for what this one has locked at lower keepers.
+            # An attempt that holds places may come to wait for what this one has locked at lower
+            # keepers.
             del self._waiting[inquiry.module]
             self._go_on()
         last = self._last.get(inquiry.module)

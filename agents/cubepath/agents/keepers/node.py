@@ -48,7 +48,7 @@ class KeeperNode(Node):
         self._ticking = False
 
     def start(self) -> list[Effect]:
-        """Listen, and show what came of anything that was under way before."""
+        """Listen, and show the result of anything that was under way before."""
         return [Listen(heard_by_keeper(self._run, self.keeper.me)), *self._said()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:

@@ -90,8 +90,8 @@ class Sites:
 def sites_of(system: System) -> Sites | None:
     """Return the sites of a system, numbered; None for a lattice and where there are too many.
 
-    A lattice may have no end, and where its goals lie is told by coordinates. Elsewhere a table for
-    each module takes two bytes for each site. Each letter counts at each place.
+    A lattice may have no end, and coordinates say where its goals lie. Elsewhere a table for each
+    module takes two bytes for each site. Each letter counts at each place.
     """
     if system.catalogue is not None or not system.bounded:
         return None
@@ -259,7 +259,7 @@ class RelativeObserver:
         """
         system, layout = self._system, self.layout
         size = system.site_size
-        # The label is the module's own, and nothing that is told here depends on it.
+        # The label is the module's own, and nothing here depends on it.
         site = system.decode_site(numbers[:size].tolist(), self._label)
         found = np.zeros(layout.length, np.float32)
         found[0] = numbers[size]

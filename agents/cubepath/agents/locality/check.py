@@ -145,7 +145,7 @@ class Evidence:
         self.depends.setdefault(kind, text)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield a finding a kind: what was used, where, and what came of it."""
+        """Yield a finding a kind: what was used, where, and its effect."""
         for kind, depends in DEPENDS.items():
             if kind in self.depends and kind not in USES:
                 names = f" ({', '.join(sorted(self.changed))} changed)" if kind == "state" else ""
@@ -202,7 +202,7 @@ TIMEOUT_S = 600.0
 
 @dataclass(frozen=True, slots=True)
 class LocalityReport:
-    """What came of checking a rule in some scenes."""
+    """The result of checking a rule in some scenes."""
 
     rule: str
     seed: int
@@ -227,7 +227,7 @@ _USUAL = Conditions()
 
 @dataclass(frozen=True, slots=True)
 class _Variant:
-    """A run under other conditions: what that shows if choices differ, and how it is told."""
+    """A run under other conditions: what that shows if choices differ, and how it is reported."""
 
     kind: Kind
     how: str

@@ -57,7 +57,7 @@ class ForkServer:
         self._server.wait()
 
     def play(self, task: PlayTask, patience_s: float = PATIENCE_S) -> PlayResult:
-        """Return what comes of a task in a process of its own; threads may call it."""
+        """Return the result of a task in a separate process; threads may call it."""
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:

@@ -39,7 +39,7 @@ _NOBODY = -1
 
 
 def played(task: PlayTask) -> PlayResult:
-    """Play a task; it changes the process for good."""
+    """Play a task; it changes the process permanently."""
     os.chdir(task.folder)
     _surround(task.conditions.environment)
     file = task.rule.rpartition(":")[0]
@@ -300,7 +300,7 @@ def _check_the_same(module: int, seen: Observation, here: Observation) -> None:
 
 
 class _Others:
-    """The modules around the one whose rule is played again, in a world of their own."""
+    """The modules around the one whose rule is played again, in their own world."""
 
     def __init__(
         self,

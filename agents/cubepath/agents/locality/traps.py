@@ -302,7 +302,7 @@ class Traps:
     def _trap_environment(self) -> None:
         for name in ("uname", "cpu_count", "getlogin"):
             self._replace(os, name, ENVIRONMENT, None)
-        # Each play has a folder of its own; by their names two plays would differ.
+        # Each play has its own folder; by their names two plays would differ.
         self._replace(os, "getcwd", ENVIRONMENT, lambda: place(self._conditions.environment))
         self._replace(socket, "gethostname", ENVIRONMENT, None)
         for name in ("stat", "lstat", "access"):

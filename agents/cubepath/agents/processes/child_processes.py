@@ -122,7 +122,7 @@ class ChildProcesses:
         return complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
 
     def end(self, patience_s: float) -> None:
-        """Wait so long for processes that were told to stop, and kill those that do not."""
+        """Wait this long for processes that were told to stop, and kill those that do not."""
         deadline = time.monotonic() + patience_s
         try:
             for thread in self._threads:

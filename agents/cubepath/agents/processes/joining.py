@@ -85,7 +85,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Proce
     """Join a run and serve until it ends; return the orders that it gave.
 
     InputError if the run refuses the process. CheckError if nothing answers at the address, soon;
-    if there is no run, or if it ends without a word. `say` is told in a line what is going on.
+    if there is no run, or if it ends without a word. `say` gets a line on what is going on.
     """
     joining.check()
     check_descriptors()

@@ -88,7 +88,7 @@ def refuse(reason: Reason, why: str) -> NoReturn:
 
 
 class HeardMessage(msgspec.Struct, frozen=True):
-    """What was said, with the sites from which its parts were said."""
+    """A bundle, with the sites from which its parts were sent."""
 
     said: Bundle
     senders: tuple[Site, ...]
@@ -138,7 +138,7 @@ class Judge:
         return message
 
     def heard(self, said: Bundle) -> HeardMessage:
-        """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
+        """Return the bundle with the sites of its senders; RefusedError if it cannot be."""
         process, round_number = said.process, said.round
         kinds, process_of, sites = KINDS_IN[said.phase], self._process_of, self._sites
         senders: list[Site] = []
@@ -158,7 +158,7 @@ class Judge:
             refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
         modules = len(self._modules_of[said.process])
         if said.number >= modules:
-            # Verdicts are said one by one at most, and each module has one.
+            # A verdict may come in a bundle of its own, and each module has one.
             refuse(
                 "out of place",
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",
@@ -265,7 +265,7 @@ def _short(value: object) -> str:
 
 
 _KINDS_MAX = 32
-"""So many senders and reasons are told apart in a round."""
+"""The number of different senders and reasons that are counted in a round."""
 _OTHERS = "others"
 _NAME_MAX, _KEY_MAX, _WHY_MAX, _SAMPLE_MAX = 64, 200, 400, 200
 
@@ -278,7 +278,7 @@ class Refusals:
         self.count = 0
         """How many there were so far."""
         self.last: Refused | None = None
-        """The last that was told of in full."""
+        """The last that was recorded in full."""
         self._known: dict[tuple[str, Reason], Refused] = {}
         self._more: Counter[tuple[str, Reason]] = Counter()
         self._round = -1

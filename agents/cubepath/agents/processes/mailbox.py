@@ -30,18 +30,18 @@ class Inbox:
         return (said.region, said.process, said.number) in kept
 
     def keep(self, heard: HeardMessage) -> None:
-        """Keep what was said."""
+        """Keep a bundle."""
         said = heard.said
         kept = self._heard.setdefault((said.round, said.phase), {})
         kept[said.region, said.process, said.number] = heard
 
     def kept(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
-        """Return what was said in a phase, in an order that does not depend on its arrival."""
+        """Return the bundles of a phase, in an order that does not depend on their arrival."""
         kept = self._heard.get((round_number, phase), {})
         return [kept[key] for key in sorted(kept)]
 
     def take(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
-        """Return what was said in a phase, and keep it no longer."""
+        """Return the bundles of a phase, and keep them no longer."""
         found = self.kept(round_number, phase)
         self._heard.pop((round_number, phase), None)
         return found
@@ -51,7 +51,7 @@ class Inbox:
         return Counter(region for region, _, _ in self._heard.get((round_number, phase), ()))
 
     def forget_before(self, round_number: int) -> None:
-        """Forget what was said in earlier rounds."""
+        """Forget the bundles of earlier rounds."""
         self._heard = {key: kept for key, kept in self._heard.items() if key[0] >= round_number}
 
 
@@ -94,15 +94,15 @@ class Outbox:
         return found
 
     def said(self, phase: str) -> list[Put]:
-        """Return all that was said in a phase: nothing, if it is not one to speak in."""
+        """Return all bundles of a phase: nothing, if it is not one to speak in."""
         return [put for puts in self._said.get(phase, {}).values() for put in puts]
 
     def said_to(self, phase: Spoken, region: str) -> list[Put]:
-        """Return what was said to a region in a phase."""
+        """Return the bundles to a region in a phase."""
         return self._said.get(phase, {}).get(region, [])
 
     def counts(self, phase: str) -> dict[str, int]:
-        """Return by region how many messages were said in a phase."""
+        """Return by region how many messages were sent in a phase."""
         return {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
 
     def _regions(self, part: Part) -> frozenset[str]:

@@ -63,7 +63,7 @@ class Liveness:
         return now
 
     def gone(self) -> list[str]:
-        """Return the keys of tokens that have gone for good, as far as one can tell."""
+        """Return the keys of tokens that seem to have gone permanently."""
         now = self._look()
         if not self._routers or now - self._changed_s < SETTLE_S:
             return []

@@ -22,8 +22,8 @@ from cubepath.protocol.wire.sessions import check_endpoint
 Way: TypeAlias = Callable[[str, str, Credentials], tuple[str, Credentials]]
 """Where a process finds the router, and what it shows there of who it is.
 
-It is given the name of the process, where the router listens and the credentials there; whoever
-tests what a process does when the wire is bad gives it another way to the router.
+It is given the name of the process, where the router listens and the credentials there; a test of a
+bad wire gives a process another way to the router.
 """
 
 

@@ -119,7 +119,7 @@ class HostNode:
             self._within.setdefault(self._system.region(place), {})[place] = core
 
     def start(self) -> list[Effect]:
-        """Listen, and say that the process is there until it is told to begin."""
+        """Listen, and announce the process until it is told to begin."""
         config = self._config
         keys = [
             topic_key(config.run, "go", "coordinator"),
@@ -215,7 +215,7 @@ class HostNode:
     # What is heard.
 
     def _hear(self, said: Bundle) -> list[Effect]:
-        """Keep what was said for the end of its phase; verdicts are given at once."""
+        """Keep a bundle for the end of its phase; verdicts are given at once."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
         heard = self._judge.heard(said)
@@ -225,7 +225,7 @@ class HostNode:
         return self._try_to_begin()
 
     def _awaits(self, said: Bundle) -> bool:
-        """Return whether what was said has its phase before it or in it; else it is a double."""
+        """Return whether a bundle's phase is still to come or under way; else it is a double."""
         if said.process == self._config.process or said.region not in self._within:
             return False
         if said.phase == "sense":
@@ -252,7 +252,7 @@ class HostNode:
         return found
 
     def _missing(self, go: Go) -> list[str]:
-        """Return the regions of the modules to which more was said than has been heard."""
+        """Return the regions of the modules to which more was sent than has arrived."""
         before = BEFORE.get(go.phase)
         if before is None:
             return []
@@ -260,14 +260,14 @@ class HostNode:
         return [region for region in sorted(self._within) if heard[region] < go.sent.get(region, 0)]
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
-        """Give modules all that was said in a phase by modules of other processes."""
+        """Give modules everything that modules of other processes sent in a phase."""
         for heard in self._inbox.take(round_number, phase):
             self._give(heard)
 
-    # What is said.
+    # Outgoing messages.
 
     def _tell_own(self, parts: Iterable[Part]) -> list[Part]:
-        """Give what own modules say to own modules; return all that is said, answers included."""
+        """Give what own modules say to own modules; return all messages, answers included."""
         said: list[Part] = []
         queue = deque(parts)
         while queue:
@@ -318,7 +318,7 @@ class HostNode:
         return Put(key_of(self._config.run, message), encode(message))
 
     def _repeat(self) -> list[Effect]:
-        """Say again all that was said in this phase."""
+        """Repeat all messages of this phase."""
         answers = self._answers or [self._waiting(self._round, self._phase)]
         return [*self._outbox.said(self._phase), *answers]
 

@@ -44,7 +44,7 @@ from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
 
 Phase: TypeAlias = Literal["join", "sense", "observe", "claim", "settle", "over"]
 PATIENCE_S = 60.0
-"""How long nothing may come of a phase, unless told otherwise."""
+"""How long a phase may make no progress, by default."""
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
 Check: TypeAlias = Callable[[Message], object]
@@ -166,10 +166,10 @@ class Pacer:
         data = encode(message)
         return [Put(key_of(self._run, message), data), Keep(data, message)]
 
-    # What comes of it.
+    # Effects.
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; what is refused has no effect but that it is told of on record."""
+        """Take a message; a refused message has no effect except a note in the recording."""
         try:
             message = self._judge.read(key, data)
             match message:
@@ -206,7 +206,7 @@ class Pacer:
         return [Keep(data, message)]
 
     def _is_true(self, said: Bundle, data: bytes) -> bool:
-        """Return whether what is said is due, as `_is_new`; who says what cannot be is not through.
+        """Return whether a bundle is due, as `_is_new`; who says what cannot be is not through.
 
         Others may have heard it: were another message taken for it, they would know otherwise.
         """

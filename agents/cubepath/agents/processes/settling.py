@@ -65,8 +65,8 @@ class Settling:
         """Return the first module whose verdict or report does not follow, and a line; or None.
 
         All verdicts that are waited for must be known, and the reports of all modules; `sites` are
-        those at the beginning of the round. Who was told a false verdict, and kept to it, is not
-        named, but who said it: it ranks before.
+        those at the beginning of the round. A module that received a false verdict and acted on it
+        is not named, but the one that sent it is: it ranks before.
         """
         for module in self._ranked:
             due = verdict(self.before[module], verdicts)

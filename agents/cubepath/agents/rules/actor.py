@@ -24,8 +24,8 @@ class Actor:
     """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
     With `hesitate` P the module makes no claim in a round with probability P. Its rule is still
-    asked and its note is still sent, as if the claim had been lost. Under the free clock nothing
-    comes of the whole choice, as if the attempt had been refused.
+    asked and its note is still sent, as if the claim had been lost. Under the free clock the whole
+    choice has no effect, as if the attempt had been refused.
     """
 
     def __init__(

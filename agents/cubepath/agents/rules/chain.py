@@ -38,8 +38,8 @@ read from then on, so a module that is started again anywhere goes on as before.
 *Start.* Which task a module has shows in the chain as it was at first, and others may have moved
 before a slow module looks. So s_m writes its register only after s_(m-1) has written its own, and
 moves only after it has written. The support of a move of s_m wants s_(m+1) off, so the first to
-move is the tail, after all others have written: whoever has not yet written sees the start, however
-late it sees it.
+move is the tail, after all others have written: a module that has not yet written sees the start,
+however late it sees it.
 
 *Moves.* A commit is a move of the rule with rounds, in a round in which all others hesitate. What
 the rule asks of other cells holds when it is committed, not only when it was seen: B is in the

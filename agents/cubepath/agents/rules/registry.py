@@ -98,7 +98,7 @@ def _without_folder(name: str) -> tuple[str, str]:
 def rule_in_file(name: str) -> RuleType:
     """Return the rule FILE.py:NAME; InputError if there is none.
 
-    The file is run once in a process, as a module of its own, until `forget_rule_files`; it is not
+    The file is run once in a process, as a separate module, until `forget_rule_files`; it is not
     put on the search path. The `content` of the rule is that of the file, and its own.
     """
     file, _, wanted = name.rpartition(":")
@@ -266,7 +266,7 @@ def misfit(
 
     It is made for the modules, or some where there are many. An error of another kind is that of a
     run, and no refusal. A rule from elsewhere is made only if you want `foreign` ones to be: it may
-    end its process, which is to be one of its own.
+    end its process, so give it a separate one.
     """
     if not foreign and BUILT_IN.get(rule.name) is not rule:
         return None

@@ -94,7 +94,7 @@ Rule: TypeAlias = Callable[[View], "int | Choice"]
 class FreeRule:
     """How a rule holds without rounds: `why` it does, and what it is made by there.
 
-    Without a `make` of its own it is made as under the lockstep clock.
+    Without its own `make` it is made as under the lockstep clock.
 
     >>> from dataclasses import replace
     >>> rule = policy_rule("last", lambda observation, action_mask: action_mask.nonzero()[0][-1])
@@ -126,8 +126,8 @@ class RuleType:
     vectorised: Callable[[VectorKnowledge], VectorRule | None] | None = None
     """Makes the form that chooses for all modules of many environments, under the lockstep clock.
 
-    Its choices and notes are those of the rules that `make` makes, so whoever replaces one replaces
-    the other. None if it does not know a system or scene: then each module is asked by itself.
+    Its choices and notes are those of the rules that `make` makes, so replacing one replaces the
+    other. None if it does not know a system or scene: then each module is asked by itself.
     """
     content: str = field(default="", compare=False, repr=False)
     """What the rule follows from beside code, as a hash of it: learned weights, a table.

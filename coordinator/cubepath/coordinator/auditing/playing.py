@@ -326,7 +326,7 @@ class RuleAudit:
             )
 
     def end(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
-        """Check that a rule that is said to have ended the run raises in the next round."""
+        """Check that a rule that is recorded as having ended the run raises in the next round."""
         self._tell(fail)
         summary = transcript.summary
         if summary is None or summary.ended != "failed":

@@ -180,7 +180,7 @@ def play_by_keys(player: Player, start: str, step: str) -> None:
         except CubepathError:
             if not player.over:
                 raise
-            # It ended meanwhile; whoever waits for it hears how.
+            # It ended meanwhile; the waiting caller learns how.
         finally:
             _show("")
 

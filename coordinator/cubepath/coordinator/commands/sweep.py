@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
 
 _TOLD_MAX = 5
-"""So many lines are told of a kind; the document has all."""
+"""The most lines that are printed of a kind; the document has all."""
 
 
 def add_sweep(sweep: argparse.ArgumentParser) -> None:
@@ -254,7 +254,7 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
             )
             ended, failures = Counter(row["ended"] for row in found.rows), found.failures
         except KeyboardInterrupt:
-            # There may be millions of rows, and whoever interrupts does not wait for them.
+            # There may be millions of rows, and an interrupt does not wait for them.
             interrupted = True
             ended += Counter({"before": known})
     seconds = time.monotonic() - began

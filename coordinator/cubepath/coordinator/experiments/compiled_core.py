@@ -42,7 +42,7 @@ _End: TypeAlias = tuple[tuple[Site, ...], bool, str | None]
 class _DoneInPython:
     """How many turns this process has played in plain Python: of all batches, as of one sweep.
 
-    It decides where runs are played, and so how long they take, but nothing of what comes of them.
+    It decides where runs are played, and so how long they take, but not their results.
     """
 
     def __init__(self) -> None:

@@ -52,13 +52,13 @@ class OverTimeError(BaseException):
 class TimeLimit:
     """Seconds of this machine, in the main thread of a worker; None for no limit.
 
-    Whoever is over it meets `OverTimeError`; a run in processes of its own is told to end, as by an
-    interrupt. Code that never comes back to Python, as in a compiled loop, meets nothing: there
-    the process ends, and whoever handed out the run finds that.
+    A run that exceeds it meets `OverTimeError`; a run in separate processes is told to end, as by
+    an interrupt. Code that never comes back to Python, as in a compiled loop, meets nothing: there
+    the process ends, and the executor that handed out the run notices.
     """
 
     def __init__(self, seconds: float | None, *, processes: bool) -> None:
-        """Take the limit, and whether what is limited is in processes of its own."""
+        """Take the limit, and whether what is limited is in separate processes."""
         self.seconds = seconds
         self.over = False
         self._processes = processes
@@ -77,7 +77,7 @@ class TimeLimit:
         signal.setitimer(signal.ITIMER_REAL, self.seconds, _AGAIN_S)
 
     def end(self) -> None:
-        """Count no more; whoever is late is let through."""
+        """Count no more; a run that is late is let through."""
         if self._on:
             self._on = False
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -174,7 +174,7 @@ def _told(error: BaseException) -> str:
 
 
 def _of_the_machine(error: BaseException | None) -> bool:
-    """Return whether an error came of a file or of memory, and not of what a rule did."""
+    """Return whether an error is due to a file or to memory, and not to the rule."""
     while error is not None:
         if isinstance(error, OSError | MemoryError):
             return True

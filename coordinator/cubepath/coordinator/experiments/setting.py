@@ -189,7 +189,7 @@ def _files_of(part: object) -> Iterator[Path]:
             break
     name = getattr(part, "__module__", None) or ""
     file = getattr(sys.modules.get(name), "__file__", None)
-    # Modules of files of rules are told apart by their files, which `content` has.
+    # Modules of rule files are distinguished by their files, which `content` has.
     if file and not name.startswith(RULE_MODULE):
         yield Path(file)
 
@@ -258,7 +258,7 @@ class FaultRates:
 
 @dataclass(frozen=True, slots=True)
 class RunSetting:
-    """All that decides what comes of a run but its seed.
+    """Everything that decides the result of a run, except its seed.
 
     `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
     hashes of what the scene holds and, of a rule from elsewhere, of what it follows from.

@@ -142,7 +142,7 @@ def rounds_or_limit(row: Row) -> int | None:
 
 
 def runs_table(rows: Sequence[Row]) -> ReportTable:
-    """Return what came of the runs of each setting."""
+    """Return the results of the runs of each setting."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
     best = best_by_system(rows)

@@ -172,7 +172,7 @@ _ENDLESS = "liveness"
 
 
 class _AtRates:
-    """Faults at fixed rates, drawn from the seed; places with rates of their own come first."""
+    """Faults at fixed rates, drawn from the seed; places with their own rates come first."""
 
     liars: frozenset[str] = frozenset()
 

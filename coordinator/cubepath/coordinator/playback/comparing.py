@@ -150,7 +150,7 @@ def _spans(numbers: set[int], last: int) -> str:
 
 
 class SegmentResult(NamedTuple):
-    """What came of comparing some rounds, or levels, with the edges on record."""
+    """The result of comparing some rounds, or levels, with the recorded edges."""
 
     rounds: set[int]
     """Those that were compared, whether they agree or not."""

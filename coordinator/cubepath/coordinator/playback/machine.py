@@ -209,7 +209,7 @@ def checked(order: Order) -> Order:
 
 
 class PendingOrder:
-    """An order that waits to be carried out, and who is told what came of it."""
+    """An order that waits to be carried out, and who receives its result."""
 
     def __init__(
         self,
@@ -221,7 +221,7 @@ class PendingOrder:
     ) -> None:
         """`order` returns the order, or raises InputError if it is none.
 
-        It is answered by whoever plays, when it was carried out or (`at_end`) when all is played.
+        The player answers it when it was carried out or (`at_end`) when all is played.
         """
         self.at_end = at_end
         self.order = order
@@ -230,7 +230,7 @@ class PendingOrder:
 
 
 _BEFORE_MAX = 10.0
-"""What is slower than as fast as possible, where nothing else was said: rounds a second."""
+"""What is slower than as fast as possible, by default: rounds a second."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -395,10 +395,10 @@ class ReplaySession:
         for each in self._asked:
             each.refuse(why)
 
-    # What came of it.
+    # Results.
 
     def status(self) -> PlayerStatus:
-        """Return where it stands; to be called by whoever plays it."""
+        """Return where it stands; to be called by the player."""
         machine, reel = self._machine, self.reel
         ended = machine.ended
         following = reel.next(machine.mark)
@@ -423,7 +423,7 @@ class ReplaySession:
         )
 
     def result(self) -> ReplayResult:
-        """Return what came of it, compared with the record as far as that can be."""
+        """Return the result, compared with the recording where possible."""
         total = self.recording.counts().kinds
         left_out = {
             kind: count.messages - self._played[kind]

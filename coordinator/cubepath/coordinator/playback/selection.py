@@ -135,8 +135,8 @@ class KeyMapping:
         """Put under ``cubepath/RUN``; each of `remap` is "FROM=TO".
 
         FROM is a topic, a key within the run, or how one begins, in whole parts; TO stands in its
-        place, and is a key of its own outside the run if it begins with a slash. InputError if
-        that is malformed, or the run is no part of a key.
+        place, and is a separate key outside the run if it begins with a slash. InputError if that
+        is malformed, or the run is no part of a key.
         """
         check_run(run)
         self.run = run
@@ -147,7 +147,7 @@ class KeyMapping:
         self.remap = tuple(_pair(each) for each in remap)
 
     def check_reach(self, *, private: bool) -> None:
-        """Check that whoever plays may put on all keys; InputError if not.
+        """Check that the player may publish on all keys; InputError if not.
 
         A private router lets nobody put on keys that are not those of a run.
         """

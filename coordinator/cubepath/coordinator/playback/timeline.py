@@ -116,7 +116,7 @@ _KEPT = 3
 
 
 class Cursor(NamedTuple):
-    """A place between two messages: before a message of a chunk; the end has a chunk of its own."""
+    """A place between two messages: before a message of a chunk; the end has its own chunk."""
 
     chunk: int
     place: int

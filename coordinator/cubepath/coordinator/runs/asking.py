@@ -57,7 +57,7 @@ def about_key(run: str) -> str:
 
 
 def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, object]:
-    """Answer whoever asks what a run is, until the session closes, or what is returned is dropped.
+    """Answer queries about a run, until the session closes, or what is returned is dropped.
 
     `tell` is called in a thread of zenoh.
     """

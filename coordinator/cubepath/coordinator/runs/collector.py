@@ -42,7 +42,7 @@ ASKS_MAX = 12
 
 @dataclass(slots=True)
 class _Incarnation:
-    """What has come of a sender since it was born."""
+    """What has arrived from one incarnation of a sender."""
 
     incarnation: int
     upto: int = 0

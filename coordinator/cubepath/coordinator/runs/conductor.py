@@ -147,7 +147,7 @@ class Conductor:
         return RunEnd("failed", error if stopped is None else f"{told(stopped)}; then {error}")
 
     def results(self, ending: RunEnd) -> Iterator[Cube | Certified | Summary]:
-        """Yield what came of the run: its cubes, their certificate and the summary."""
+        """Yield the results of the run: its cubes, their certificate and the summary."""
         return results_of(
             self.gatherer,
             ending,
@@ -165,7 +165,7 @@ def results_of(
     schedule_cubes: int | None = None,
     schedule_stopped: Stopped | None = None,
 ) -> Iterator[Cube | Certified | Summary]:
-    """Yield what came of a run: its cubes, their certificate and the summary.
+    """Yield the results of a run: its cubes, their certificate and the summary.
 
     All is found before the first is yielded, so that none waits for another that takes long.
     """

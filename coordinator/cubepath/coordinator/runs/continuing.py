@@ -75,7 +75,7 @@ def what_if(
     record, and if their notes are as long.
 
     The outcome is that of the whole run from the start. InputError if the recording or the rule
-    does not allow that; CheckError if reports on record are not what comes of the claims.
+    does not allow that; CheckError if recorded reports do not follow from the claims.
     """
     record = on_record(recording_of(recording))
     most = record.rounds + (record.gathered.failed is None or not record.rounds)

@@ -117,7 +117,7 @@ class Driver(ABC, Generic[Fleet]):
 
     @abstractmethod
     def _find_results(self, ending: RunEnd) -> Sequence[Any]:
-        """Return the messages by which the coordinator says what came of the run."""
+        """Return the messages with which the coordinator publishes the results of the run."""
 
     @abstractmethod
     def _publish(self, message: Any) -> None:
@@ -125,7 +125,7 @@ class Driver(ABC, Generic[Fleet]):
 
     @abstractmethod
     def _record(self, message: Any) -> None:
-        """Put a message of the coordinator on record, and pass it to whoever listens."""
+        """Record a message of the coordinator, and pass it to the listeners."""
 
     @abstractmethod
     def _failed(self, error: str) -> RunEnd:
@@ -309,7 +309,7 @@ class Driver(ABC, Generic[Fleet]):
         )
 
     def _answer_from(self) -> None:
-        """Answer whoever asks, from now on: the router is there, and nobody has joined."""
+        """Answer queries from now on: the router is there, and nobody has joined."""
         fleet = self.fleet
         self.endpoint, self.run = fleet.endpoint, fleet.run
         about = RunInfo(

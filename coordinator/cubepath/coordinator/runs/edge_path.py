@@ -215,7 +215,7 @@ class Gathered(ABC):
 
     @property
     def path(self) -> Sequence[Action]:
-        """Return the edge path as one sequence of actions, which takes no memory of its own."""
+        """Return the edge path as one sequence of actions, which takes no extra memory."""
         actions, names = self._edges.actions, self._edges.names
         return _View(len(names), lambda place: actions[names[place]])
 

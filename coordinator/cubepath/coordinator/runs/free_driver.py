@@ -61,7 +61,7 @@ class FreeDriver(Driver[FreeFleet]):
         super().__init__(context)
         self._gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
         self._held_back = 0.0
-        """For how many seconds modules were halted, as more was said than could be recorded."""
+        """For how many seconds modules were halted, since more was sent than could be recorded."""
         self._crashes: list[CrashReport] = []
         self._check: Callable[[], None] = lambda: None
         self._shell: Shell | None = None
@@ -287,9 +287,9 @@ class FreeDriver(Driver[FreeFleet]):
         return None
 
     def _keep_up(self, shell: Shell) -> None:
-        """Halt the modules for as long as more is said than can be put on record.
+        """Halt the modules while more is sent than can be recorded.
 
-        Otherwise what is said would be lost here, and the run would end with a record full of gaps.
+        Otherwise messages would be lost here, and the recording would be full of gaps.
         """
         now, collector = time.monotonic(), self._collector
         waiting = shell.waiting

@@ -47,7 +47,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class Plausibility:
-    """The state of a run at the beginning of a round, and what was said and reported in it."""
+    """The state of a run at the beginning of a round, and what was sent and reported in it."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin at the start of the scene."""
@@ -94,7 +94,7 @@ class Plausibility:
         self._phase = phase
         self._said: dict[tuple[type[Part], int], Part] = {}
         self._to: dict[tuple[type[Part], int], set[str]] = {}
-        """By kind and module what was said in this phase, and to which regions."""
+        """By kind and module what was sent in this phase, and to which regions."""
         self._counts: dict[int, Counter[str]] = {}
         self._through: set[int] = set()
 
@@ -122,7 +122,7 @@ class Plausibility:
             case _:
                 pass
 
-    # What is said.
+    # Outgoing messages.
 
     def _check_said(self, said: Bundle) -> None:
         if said.process in self._through:
@@ -372,7 +372,7 @@ def _to(part: Part, said: Bundle) -> str:
 
 
 def _text(site: object) -> str:
-    """Return a site as messages have it, whoever tells it."""
+    """Return a site as messages have it."""
     return _encode(site).decode()
 
 

@@ -86,7 +86,7 @@ class Divergence:
 
 @dataclass(frozen=True, slots=True)
 class LiveReplay:
-    """What came of a replay with live modules."""
+    """The outcome of a replay with live modules."""
 
     log: str
     """The recording that was replayed."""
@@ -274,7 +274,7 @@ def _branch(
 
 
 class _Subscriber:
-    """What was said in the rounds under way, and the first message that was refused."""
+    """What was sent in the rounds under way, and the first message that was refused."""
 
     def __init__(self) -> None:
         self.words: dict[int, Words] = {}
@@ -355,7 +355,7 @@ class _Comparing:
 
     def divergence(self, number: int, module: int, kind: str, was: str, now: str) -> Divergence:
         """Return a difference, with what the module had sensed when it chose."""
-        # What is noted in a round is said in the next.
+        # A note of one round is sent in the next.
         chosen = max(number - (kind == "note"), 1)
         where = self.sites[chosen - 1]
         system = self._system

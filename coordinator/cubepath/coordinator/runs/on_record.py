@@ -177,7 +177,7 @@ def _note_length(words: Iterable[Words]) -> int:
 
 
 def _stages(recording: Recording, own: set[int]) -> tuple[RuleStage, ...]:
-    """Return which rules modules follow, those left out whose process named a rule of its own."""
+    """Return which rules modules follow, except those whose process named its own rule."""
     told, path = recording.parameters, recording.path
     rule, seed, hesitate = told.get("rule"), seed_in(told), hesitation_in(told)
     stages = stages_in(recording)

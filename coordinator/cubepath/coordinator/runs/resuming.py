@@ -125,7 +125,7 @@ class _Known:
                 pass
 
     def _attempted(self, keeper: int, attempt: Attempt, where: Path) -> None:
-        """Whoever is before this keeper in the chain has prepared it."""
+        """Every keeper before this one in the chain has prepared it."""
         try:
             chain = chain_of(self._system, self._tiles, attempt)
         except InputError as error:
@@ -150,7 +150,7 @@ class _Known:
         return (moved.serial,)
 
     def _acted(self, module: int, epoch: int, where: Path) -> None:
-        """Whoever acts in an epoch has entered so often."""
+        """A module that acts in an epoch has joined that often."""
         if epoch > self._epochs.get(module, (0, where))[0]:
             self._epochs[module] = epoch, where
 

@@ -39,13 +39,13 @@ _TIMEOUT_S = 60.0
 class Run:
     """A run as a context manager: nothing of it is left when the block ends.
 
-    A run with rounds goes on only when it is told to, by `step`, `until` or `play`. Without rounds
-    modules act when they are ready; the same functions listen to what they do. What goes wrong with
-    the run (a process that dies, a rule that gives up) ends it, and `outcome` says how; so does a
-    block that is left before its end. The recording is closed in any case.
+    A run with rounds advances only when you call `step`, `until` or `play`. Without rounds modules
+    act when they are ready; the same functions listen to what they do. What goes wrong with the run
+    (a process that dies, a rule that gives up) ends it, and `outcome` says how; so does a block
+    that is left before its end. The recording is closed in any case.
 
-    `watch` is called after each round, and without rounds now and then; `say` is told in a line
-    where others can join, who is waited for, and who died.
+    `watch` is called after each round, and without rounds now and then; `say` gets a line with the
+    address where others can join, whom the run waits for, and what died.
 
     >>> with start("hex:n=3", log="logs/steps.mcap", processes=1) as run:
     ...     while run.step() and run.status.moves < 3:
@@ -119,7 +119,7 @@ class Run:
     ) -> None:
         """End what is still running, and close the recording; nothing if that has been done.
 
-        What listeners raise at the end is raised, unless the block is left by an error of its own.
+        What listeners raise at the end is raised, unless the block is left by its own error.
         """
         with self._lock.to_close() as free:
             if not free:
@@ -228,8 +228,8 @@ class Run:
     def stop(self) -> Outcome:
         """End the run where it stands, unless it has ended; return its outcome.
 
-        What listens to a round, or another thread, can ask for that as well: whoever goes on with
-        the run then ends it before the next message, and what is returned is how it stands so far.
+        What listens to a round, or another thread, can ask for that as well: the thread that steps
+        the run then ends it before the next message; the result is the status so far.
         """
         driver = self._begun
         with self._lock.to_stop() as free:

@@ -87,7 +87,7 @@ class RunLock:
 
     @contextmanager
     def to_stop(self) -> Generator[bool]:
-        """Say whether the run can be ended now; if not, whoever goes on with it ends it soon."""
+        """Say whether the run can be ended now; if not, the thread that steps it ends it soon."""
         self.stopping = True
         held = self._lock.acquire(blocking=False)
         try:
@@ -98,7 +98,7 @@ class RunLock:
 
     @contextmanager
     def to_close(self) -> Generator[bool]:
-        """Say whether everything can be ended now: not by whoever listens to a round.
+        """Say whether everything can be ended now: not from a listener of a round.
 
         Another thread that goes on with the run has some time to end it.
         """

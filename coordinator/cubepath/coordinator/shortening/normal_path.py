@@ -78,7 +78,7 @@ class Shortened:
         """How many cubes any path between the same states has at least, and why.
 
         The cheap bounds of `lower_bound`; `beyond` looks for better ones. 0 where the start is not
-        known, as that of moves of which only support and trace are told.
+        known, as for moves with only a support and a trace.
         """
         start = self.given.start
         if start is None:

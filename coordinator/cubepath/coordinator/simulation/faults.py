@@ -135,7 +135,7 @@ class ListedFaults:
         return self._faults.get((ROUTER, nth))
 
     def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return the listed lie, if there is one and it can be told here."""
+        """Return the listed lie, if there is one and it fits here."""
         found = self._faults.get((where, nth))
         return found if found is not None and found.kind in kinds else None
 

@@ -179,7 +179,7 @@ class FreeState:
             self.places[place] = self.places.get(place, 0) + 1
 
     def _change(self, attempt: Attempt, moved: Commit, move: Move | None, who: str) -> None:
-        """Move what is taken along, and write registers; what is said of both must agree."""
+        """Move what is taken along, and write registers; what is recorded of both must agree."""
         place_of = self.system.place_of
         written = {
             self.at[place]: tuple(new)
@@ -310,7 +310,7 @@ class Oracle:
         else:
             self._refused.setdefault(name, {})[keeper] = decision.reason
 
-    # What is said.
+    # Outgoing messages.
 
     def said(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
         """Take what is put on the wire."""
@@ -384,7 +384,7 @@ class Oracle:
         )
 
     def _decision(self, keeper: int, decision: Decision) -> None:
-        """Check what a module is told against what was logged; of a dead epoch it may be less."""
+        """Check what a module receives against what was logged; of a dead epoch it may be less."""
         name = _name(decision)
         if decision.commit is not None:
             same("told", _what(name), decision, self._committed.get(name))
@@ -397,7 +397,7 @@ class Oracle:
             raise OracleError("told", f"{why}; its log does not say so")
 
     def _passed(self, keeper: int, decision: Decision) -> None:
-        """Check what a keeper is told; who knows better takes no note."""
+        """Check what a keeper receives; who knows better takes no note."""
         name = _name(decision)
         if decision.commit is not None:
             same("passed", _what(name), decision, self._committed.get(name))

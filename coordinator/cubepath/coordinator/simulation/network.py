@@ -195,7 +195,7 @@ class SimulatedNetwork:
         self._take(process, lambda _: process.node.start(), None)
 
     def on_death(self, died: Died) -> None:
-        """Let the first process be told when another has died; those after it count from 0."""
+        """Notify the first process when another has died; those after it count from 0."""
         self._died = died
 
     @property
@@ -301,7 +301,7 @@ class SimulatedNetwork:
     def _cut_short(
         self, process: SimulatedProcess, cut: Fault, effects: list[Effect]
     ) -> tuple[Fault | None, list[Effect]]:
-        """Return what still comes of a step; and the fault, if there is anything that it cuts."""
+        """Return what follows from a step; and the fault, if there is anything that it cuts."""
         number = self._noise(process.number, process.taken)
         if cut.kind == "cut":
             return cut, effects[: number % (len(effects) + 1)]

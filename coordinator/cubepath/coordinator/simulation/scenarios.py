@@ -244,7 +244,7 @@ _FREE_SMALL = (3, 4, 5, 6, 7, 8)
 _KEEPERS = (2, 3, 3, 4, 5, 6)
 _FREE_HESITATE = (0.0, 0.0, 0.0, 0.1, 0.5)
 _ALONE = 0.8
-"""How probable it is that each module has a process of its own."""
+"""The probability that each module has a separate process."""
 _FACTORS = (0.0, 0.0, 0.0, 1.0, 3.0, 10.0, 40.0)
 """How slowly modules think."""
 _MOVES, _LONG_S = (5, 40), (0.5, 20.0)

@@ -394,7 +394,7 @@ class _Run:
         return None
 
     def _accused(self) -> Failure | None:
-        """Check that nobody who has not lied is said to have."""
+        """Check that no honest process is named as a liar."""
         for record in self._records:
             message = decode(record.data) if record.kind == "refused" else None
             if not isinstance(message, Refused) or message.reason in _OF_THE_WIRE:

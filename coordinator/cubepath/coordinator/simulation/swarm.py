@@ -326,7 +326,7 @@ class FreeSwarm:
         return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
 
     def write(self, _run: FreeSimulatedRun, log: Path, _why: str) -> bool:
-        """Write no recording, only make the folder: what was said is in the picture."""
+        """Write no recording, only make the folder: the messages are in the picture."""
         log.parent.mkdir(parents=True, exist_ok=True)
         return False
 
@@ -370,7 +370,7 @@ class KeptRun:
 
 @dataclass(slots=True)
 class SeedTally:
-    """What came of the seeds so far."""
+    """The results of the seeds so far."""
 
     simulator: Simulator = field(default_factory=LockstepSwarm)
     seeds: int = 0

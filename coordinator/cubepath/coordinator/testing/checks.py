@@ -15,7 +15,7 @@ from cubepath.protocol.core.formatting import did_you_mean
 def check_name(what: str, name: object, known: Iterable[str]) -> str:
     """Return a name that is known; InputError with the nearest one if it is not.
 
-    `what` is told before it, as ``phase=``.
+    `what` stands before it in the error, as ``phase=``.
     """
     names = list(known)
     if isinstance(name, str) and name in names:

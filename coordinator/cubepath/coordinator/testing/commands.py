@@ -56,7 +56,7 @@ def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Po
 
 
 class Guard:
-    """A ward without a command: it ends what it is told to watch if this process is killed."""
+    """A ward without a command: it ends everything it watches if this process is killed."""
 
     def __init__(self) -> None:
         """Start it."""
@@ -120,7 +120,7 @@ class _Lines:
 
 
 class Command:
-    r"""A command in a process of its own, as a context manager that ends it.
+    r"""A command in a separate process, as a context manager that ends it.
 
     Of what it writes the last 10,000 lines of each stream are kept, those of more than 8192 bytes
     as several.

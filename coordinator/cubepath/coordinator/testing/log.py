@@ -42,7 +42,7 @@ _MESSAGE = re.compile(r"\bmessage (\d+) \(")
 
 @dataclass(frozen=True, slots=True)
 class ClaimOutcome:
-    """A claim of a module, and what came of it.
+    """A claim of a module, and its result.
 
     `round` is that of the claim; without rounds it is the level of the move, and None if there was
     none. `why` says why it was refused, in runs without rounds.
@@ -113,7 +113,7 @@ class RunLog:
         """Whether the modules are at the goal."""
         return self.gathered.reached
 
-    # What was said.
+    # Messages.
 
     @cached_property
     def all_deliveries(self) -> tuple[WireMessage, ...]:
@@ -187,7 +187,7 @@ class RunLog:
         round: int | None = None,  # noqa: A002 - the word of all messages
         result: Result | None = None,
     ) -> list[ClaimOutcome]:
-        """Return who claimed what when, and what came of it, in the order of the log.
+        """Return who claimed what when, with the results, in the order of the log.
 
         Without rounds an attempt to move is a claim, and one that was refused is lost. InputError
         for a module that is not there, or another result.

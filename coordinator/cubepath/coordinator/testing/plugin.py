@@ -161,7 +161,7 @@ def _marked_seeds(item: pytest.Item) -> list[int] | None:
 
 
 def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
-    """Take our frames from an error that is told in one line; return it if no frame is left.
+    """Remove our frames from an error that is printed as one line; return it if no frame is left.
 
     What is wrong is in the test, and the line says what; ``--full-trace`` and ``--pdb`` show all
     frames.
@@ -178,7 +178,7 @@ def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
 
 
 def _keeps_theirs(error: BaseException) -> bool:
-    """Take our frames from an error and what it came of; return whether the test's are in it."""
+    """Remove our frames from an error and its causes; return whether the test's are in it."""
     if error.__cause__ is not None:
         _keeps_theirs(error.__cause__)
     found, left, theirs = error.__traceback__, [], False

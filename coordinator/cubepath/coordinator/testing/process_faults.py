@@ -164,8 +164,8 @@ class ProcessFaults(Wire):
     ) -> PlannedFault:
         """Cut the link of a process, for some seconds or until it is healed.
 
-        Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
-        comes when the link is healed, as over a connection that outlives the cut.
+        Nothing gets through, and neither side is notified. Messages sent meanwhile are lost; with
+        `keep` it comes when the link is healed, as over a connection that outlives the cut.
         """
         link = self.link_of(self.name_of(who))
         if seconds is not None:

@@ -127,7 +127,7 @@ class Rule:
     overtaken: bool = False
     """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
     told: frozenset[str] = frozenset()
-    """Senders whose messages it meets where they are said, and passes over on their way down."""
+    """Senders whose messages it meets at their source, and ignores on their way down."""
     count: int = 0
     """How many messages it met so far."""
     met: deque[WireMessage] = field(default_factory=lambda: deque(maxlen=KEPT))

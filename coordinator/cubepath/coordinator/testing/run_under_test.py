@@ -233,7 +233,7 @@ class RunUnderTest(ProcessFaults):
             link.up.rules = link.down.rules = []
             link.heal()
 
-    # What is said.
+    # Outgoing messages.
 
     def _say(self, line: str) -> None:
         self.said.append(line)

@@ -57,7 +57,7 @@ class Trial:
     faults: tuple[Fault, ...] = ()
 
     def play(self, make: MakeNode = host_node) -> TrialResult:
-        """Simulate the run, and return what came of it; nothing is raised that fails in it.
+        """Simulate the run, and return the outcome; nothing is raised that fails in it.
 
         `make` makes the nodes of module processes of a run with rounds: your own code, from its
         orders and the scene.
@@ -83,7 +83,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class TrialResult:
-    """What came of a trial."""
+    """The outcome of a trial."""
 
     trial: Trial
     run: SimulatedRun | FreeSimulatedRun

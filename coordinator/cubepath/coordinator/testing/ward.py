@@ -3,7 +3,7 @@
 It runs as a separate script, with the standard library alone, so that it starts quickly. It adopts
 every process that the command leaves behind, and ends all of them when the command ends, when its
 standard input closes, or when its parent is gone: a killed test process leaves nothing running.
-Over standard input it can be told to watch other processes and folders; it kills and removes these
+Over standard input you can tell it to watch other processes and folders; it kills and removes these
 too, unless it hears that all is well.
 
     python -I -S ward.py FD [COMMAND ...]
@@ -104,7 +104,7 @@ class Ward:
                     return
 
     def _is_over(self, told: bytes) -> bool:
-        """Take what was told; return whether all is well, so that nothing need be watched."""
+        """Take the orders; return whether all is well, so that nothing need be watched."""
         *lines, self._text = (self._text + told).split(b"\n")
         for line in lines:
             what, _, value = line.decode().partition(" ")

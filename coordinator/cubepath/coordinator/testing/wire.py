@@ -25,7 +25,7 @@ _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
     "hold": ("seconds",),
     "reorder": ("by",),
 }
-"""What else each kind of rule is told."""
+"""The other fields of each kind of rule."""
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
@@ -100,7 +100,7 @@ class Wire:
         Which, say the keys of `Pattern`: `kind` (or `what`), `round`, `phase`, `module`, `sender`,
         `to`, `where`. How many, say those of `Rule`: `times`, `after`, `probability` with a `seed`.
         With `to` a message is lost on its way to that process, and others hear it; without, nobody
-        does. Of what the coordinator says each process has a copy of its own.
+        does. Of what the coordinator says each process has its own copy.
 
         InputError for unknown kinds and keys, and processes without a link.
         """

@@ -28,7 +28,7 @@ _KEPT = 2048
 
 
 class Moment(NamedTuple):
-    """A round at the time of its claims, as derived, with what was said in it."""
+    """A round at the time of its claims, as derived, with the messages sent in it."""
 
     round: int
     sites: tuple[Site, ...]

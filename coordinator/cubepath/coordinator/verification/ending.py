@@ -112,7 +112,7 @@ class OutcomeCheck:
         return ("max-rounds", None) if self._most is not None and at.round >= self._most else None
 
     def _stop(self, at: _Outcome, stopped: Stopped | None) -> str | None:
-        """Return what is said of a schedule that stopped after a round, None if it did not."""
+        """Return the message about a schedule that stopped after a round, None if it did not."""
         if at.gave_up is not None:
             module, reason = at.gave_up
             return f"the schedule stopped at round {at.round}: module_{module}: {reason}"

@@ -92,7 +92,7 @@ class Incarnations:
             self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
 
     def check(self) -> None:
-        """Check all incarnations that were told of, and the epochs of all attempts."""
+        """Check all incarnations that appear, and the epochs of all attempts."""
         for module, known in sorted(self._incarnations.items()):
             incarnations = sorted(known)
             epochs = [known[incarnation] for incarnation in incarnations]
@@ -122,7 +122,7 @@ _CHECKED, _GIVEN_UP = 1, 2
 
 
 class Attempts:
-    """The attempts of a run, and what came of them.
+    """The attempts of a run, and their results.
 
     They are checked as they stand on record. `fail` is given what is wrong with commits by their
     numbers, so that the first failure is the same however messages are ordered.
@@ -484,7 +484,7 @@ class Attempts:
         return None if written else max(found)
 
     def _check_occupant(self, where: Record, site: Json | Site, occupant: Occupant) -> None:
-        """Check a module as it is told to be at one of its versions."""
+        """Check what is reported of a module at one of its versions."""
         standing = self._history.module(occupant.module, occupant.version)
         name = f"module_{occupant.module} at version {occupant.version}"
         if standing is None:

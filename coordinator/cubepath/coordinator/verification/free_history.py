@@ -184,7 +184,7 @@ class LevelPath(NamedTuple):
     numbers: NDArray[np.int32]
     """Which of `known` each is."""
     known: Sequence[tuple[str, Json, Action]]
-    """Each generator with where it is placed, as it is told, and the action."""
+    """Each generator with its place, as recorded, and the action."""
 
     @property
     def actions(self) -> list[Action]:

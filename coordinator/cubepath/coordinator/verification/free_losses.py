@@ -37,7 +37,7 @@ class Losses:
         self._said: dict[tuple[str, int], NumberTable] = {}
         """By sender and incarnation the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}
-        """By sender and incarnation the greatest number that is told."""
+        """By sender and incarnation the greatest reported number."""
         self._speakers: dict[int, set[int]] = {}
         """By module the processes that spoke for it."""
         self._entered: dict[tuple[int, int], int] = {}

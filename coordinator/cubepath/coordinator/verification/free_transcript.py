@@ -84,10 +84,10 @@ class KeeperPart(NamedTuple):
     keeper: int
     """The keeper that says it."""
     to: int
-    """The keeper or the process that it is said to."""
+    """The keeper or the process to which it is sent."""
     part: Forwarded | Decision | Inquiry | Settled | Entered
     told: bool
-    """Whether it is said to a process."""
+    """Whether it is sent to a process."""
 
 
 @dataclass(slots=True)

@@ -36,7 +36,7 @@ _AFTER = {
 }
 """The phases that may follow a phase, each with how many rounds later."""
 _COUNTING = {"sense": ("claim", "observe"), "claim": ("settle",)}
-"""The phases before which it is counted what was said, each with those that tell the counts."""
+"""The phases before which messages are counted, each with those that carry the counts."""
 
 
 class Pacing:

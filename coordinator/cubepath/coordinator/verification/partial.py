@@ -319,6 +319,6 @@ def _joined(before: Check, message_by_message: Check, why: str) -> Check:
     if before.name in ("readable", "parameters", "messages"):
         return before
     told = before.detail.removeprefix("not checked: ")
-    # What is said at the end may stand behind the hole.
+    # The closing messages may stand behind the hole.
     details = [why] if before.checked or before.detail == NO_END else [why, told]
     return Check(before.name, ok=True, detail="; ".join(filter(None, details)), checked=False)

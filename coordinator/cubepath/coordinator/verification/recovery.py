@@ -45,10 +45,10 @@ def recover(
     """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
     Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
-    that has lost its own; without one, the messages are written alone, which other tools can read,
-    and which is a recording again when it is recovered with the scene. InputError if no message can
-    be read, if they cannot be of the scene, if `out` is the recording itself, or if it cannot be
-    written.
+    that has lost its scene; without one, the messages are written alone, which other tools can
+    read, and which is a recording again when it is recovered with the scene. InputError if no
+    message can be read, if they cannot be of the scene, if `out` is the recording itself, or if it
+    cannot be written.
 
     >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
     >>> found.rounds, found.problems, verify("copy.mcap").ok
@@ -71,7 +71,7 @@ def recover(
 
 
 def with_told_scene(remains: Remains, scene: Scene) -> Remains:
-    """Return what remains of a recording, with its scene as it is told.
+    """Return what remains of a recording, with the scene that you supply.
 
     InputError in one line if the recording has another scene, names another system, or has a
     message that cannot be of this one.

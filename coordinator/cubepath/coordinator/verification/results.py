@@ -30,7 +30,7 @@ from cubepath.protocol.wire.messages import Cube
 
 
 def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
-    """Return why checks of what is said at the end of a run were not made, by name.
+    """Return why checks of the closing messages of a run were not made, by name.
 
     Without a summary `complete` is not checked either, if the recording says itself that its end
     may be missing (`cut_off`); else it fails. A certificate that is not there proves nothing.

@@ -68,8 +68,8 @@ def is_cut_off(recording: Recording) -> bool:
 class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
     """A message is of a round that was closed, since it stands where that round is over.
 
-    Recordings with such messages are wrong, but what else is wrong with them can still be told: all
-    rounds have to be kept to the end.
+    Recordings with such messages are wrong, but what else is wrong with them can still be reported:
+    all rounds have to be kept to the end.
     """
 
 
@@ -238,7 +238,7 @@ class Sorting:
         found = self.found
         for number in sorted(number for number in self._rounds if number < least):
             this = self._rounds.pop(number)
-            # What is said of them is the same whatever the order of arrival.
+            # The report on them is the same whatever the order of arrival.
             this.said = dict(sorted(this.said.items()))
             this.reports = dict(sorted(this.reports.items()))
             if self._scheduled and this.reports:
@@ -307,7 +307,8 @@ class Sorting:
             self._last = max(self._last, message.round)
         else:
             known = this.said.setdefault((kind_of(message), message.module), message)
-        # What is said twice counts once: a part stands in a batch for each region that it goes to.
+        # A message sent twice counts once: a part stands in a batch for each region that it goes
+        # to.
         if known is not message and known != message:
             self._fail(check, f"{named(message)} comes twice, and differs")
 

@@ -321,7 +321,7 @@ def _path(arrays: Arrays) -> NumberedPath:
     ends = np.full(len(numbers), -1, dtype=np.int8)
     if "ends" in arrays:
         ends = _integers(arrays, "ends", -1, 2, size=len(numbers)).astype(np.int8)
-        # The file counts from `before`; an action has its local states in an order of its own.
+        # The file counts from `before`; an action has its local states in its own order.
         ends = np.where(ends >= 0, ends ^ turned[numbers], ends)
     given = None
     if "move_names" in arrays:

@@ -35,7 +35,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
 
 _WINDOW = 1 << 20
-"""Bytes read at a time, and kept for whoever reads on from there."""
+"""Bytes read at a time, and kept for reading on from there."""
 
 
 class StoredBytes:

@@ -120,11 +120,10 @@ class Recording:
         >>> {(claim.round, claim.module, claim.generator) for claim in claims}
         {(3, 0, 'pivot-0-left')}
 
-        Args:
-            kinds: the kind of message, or several, such as "claim" or ["claim", "verdict"]; the
-                parts of batches are kinds too, and come in the place of their batch. A part that
-                was said to two regions comes twice. By default all messages, batches as they are.
-            rounds: a log time, or a range of them; by default all.
+        Args: kinds: the kind of message, or several, such as "claim" or ["claim", "verdict"]; the
+            parts of batches are kinds too, and come in the place of their batch. A part that was
+            sent to two regions appears twice. By default all messages, batches as they are. rounds:
+            a log time, or a range of them; by default all.
 
         InputError if there is no such kind, and where a message cannot be decoded.
         """
@@ -322,7 +321,7 @@ def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
     """Yield the messages of some rounds at a time, in the order of rounds, each round whole.
 
     They come while the file is read, so that memory does not grow with it. Of a run without rounds
-    all messages come at once: a commit of any level may be told again at the very end.
+    all messages come at once: a commit of any level may be repeated at the very end.
     """
     if recording.clock == "free":
         yield recording.records

@@ -276,7 +276,7 @@ class _Scan:
                 self._take_end(crc, offset)
 
     def _take_chunk(self, chunk: Chunk, offset: int, length: int) -> None:
-        # Its head has no CRC of its own: this only tells users what may be lost.
+        # Its head has no CRC: this only tells users what may be lost.
         self._span = f" (log times {chunk.message_start_time} to {chunk.message_end_time})"
         channels, messages = _unpacked(chunk)
         self._name(channels)

@@ -69,7 +69,7 @@ class Record:
         """Yield the parts of a batch, each as it would stand alone; any other record is its part.
 
         They have the round, the wall clock and the sequence of the batch. A batch that cannot be
-        decoded is yielded as it is, so that whoever decodes it finds what is wrong.
+        decoded is yielded as it is, so that decoding it shows what is wrong.
         """
         if self.kind not in BATCHES:
             yield self

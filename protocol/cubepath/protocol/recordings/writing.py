@@ -86,7 +86,7 @@ class RecordingWriter:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         Both are written once more at the end of the file. A scene that is lost is None: then the
-        messages can be read by other tools, and as a recording once the scene is told again.
+        messages can be read by other tools, and as a recording once its scene is supplied again.
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
         format that its messages are in, told and not looked at; if it is left out, it follows from

@@ -6,9 +6,9 @@ near to its end as it can be, so the last rounds hold few flips, and the path ge
 as they hold none. All random choices come from the seed.
 
 A window is some consecutive rounds. The edges that flip in it fall into parts that share no
-triangle, so each part is a small task of its own: from its edges before the window to those after
-it. A part that takes all rounds of the window is solved again, greedily from either end, in one
-round less. If that succeeds for all such parts of the last rounds, the path is one round shorter.
+triangle, so each part is a small separate task: from its edges before the window to those after it.
+A part that takes all rounds of the window is solved again, greedily from either end, in one round
+less. If that succeeds for all such parts of the last rounds, the path is one round shorter.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def guarded_by_passwords(passwords: Mapping[str, str], dictionary: Path) -> Mapp
 
 
 def guarded_by_certificates(folder: Path) -> Mapping[str, Any]:
-    """Return the settings of a router that lets in whoever has a certificate of its authority.
+    """Return the settings of a router that admits every client with a certificate of its authority.
 
     InputError if its own certificate or key is missing.
     """

@@ -56,7 +56,7 @@ def new_endpoint() -> str:
 
 
 def is_private(endpoint: str) -> bool:
-    """Return whether an endpoint is a socket in a folder of its own."""
+    """Return whether an endpoint is a socket in its own folder."""
     path = Path(endpoint.removeprefix(SCHEME))
     return (
         endpoint.startswith(SCHEME) and path.name == _NAME and path.parent.name.startswith(_PREFIX)
@@ -104,7 +104,7 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 GUEST = Credentials()
-"""Whoever may read the socket may listen, and say nothing."""
+"""Every user who may read the socket may listen, and publish nothing."""
 
 
 def process_name(process: int) -> str:

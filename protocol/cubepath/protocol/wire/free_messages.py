@@ -85,8 +85,8 @@ class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
     """A module that was refused time and again asks that some places stay as they are for a while.
 
     They are places of one keeper that it senses. For `ticks` of the keeper, or until its next
-    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has a
-    `number` of its own in each epoch.
+    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has its own
+    `number` in each epoch.
     """
 
     module: Count
@@ -165,7 +165,7 @@ class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="decision"):
-    """What came of an attempt: with `commit` it was committed, otherwise refused, and `reason`.
+    """The result of an attempt: with `commit` it was committed, otherwise refused, and `reason`.
 
     `occupants` are the modules that it changed as they are from now on, each with its site, for the
     keepers of the chain.
@@ -180,7 +180,7 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind"
 
 
 class Inquiry(msgspec.Struct, frozen=True, tag_field="kind", tag="inquiry"):
-    """A keeper that has prepared an attempt asks the last one of its chain what came of it."""
+    """A keeper that has prepared an attempt asks the last one of its chain for the result."""
 
     module: Count
     epoch: Count
@@ -260,7 +260,7 @@ class Replies(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
 
 
 class TileUpdate(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tile"):
-    """What a keeper shows of a tile, to whoever is near enough to sense it.
+    """What a keeper shows of a tile to the modules near enough to sense it.
 
     `serial` counts the changes of the tile. `parts` are the places that the last one changed; if
     the tile is shown `whole`, all places where something is or ever was.
@@ -310,7 +310,7 @@ class Turns(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Halted(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="halted"):
-    """The modules of a process were told to halt by an order, and wait for nothing any more."""
+    """The modules of a process have halted after an order, and wait for nothing any more."""
 
     process: Count
     order: Count = 0

@@ -167,7 +167,7 @@ def belongs(run: str, key: str, message: Message) -> bool:
 
 
 def to_region(run: str, region: str) -> str:
-    """Return the key expression of what is said to the places of a region."""
+    """Return the key expression of messages for the places of a region."""
     return f"{ROOT}/{run}/to/{region}/**"
 
 

@@ -100,7 +100,7 @@ class Bundle(msgspec.Struct, frozen=True, tag_field="kind", tag="bundle"):
     """What the modules of one process say in a phase to the places of one region.
 
     `number` counts the messages of a process to a region in a phase from 0; in the phases "sense"
-    and "claim" there is one at most. The parts are in the order in which they were said.
+    and "claim" there is one at most. The parts are in the order in which they were sent.
     """
 
     round: Count
@@ -122,7 +122,7 @@ class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
 class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
     """All processes may begin a phase of a round; or, with phase "stop", end.
 
-    `sent` counts by region the messages that were said to it in the phase before, by all processes
+    `sent` counts by region the messages that were sent to it in the phase before, by all processes
     together. With phase "observe" modules that are driven from outside send their observations.
     With phase "over" the schedule that modules carried out ends with this round (0: before the
     first): from the next on they follow their rule, each from where it stands. A process that has
@@ -148,7 +148,7 @@ class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
     """A process has finished a phase of a round (join: it is connected).
 
     `sent` counts by region the messages that it said in this phase. A process whose modules follow
-    a `rule` of their own, and not that of the run, names it when it joins.
+    their own `rule` instead of that of the run names it when it joins.
     """
 
     round: Count
@@ -159,7 +159,7 @@ class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Retransmit(msgspec.Struct, frozen=True, tag_field="kind", tag="retransmit"):
-    """A process misses messages of a phase to a region: whoever said some says them again."""
+    """A process misses messages of a phase to a region: their senders repeat them."""
 
     round: Count
     process: Count
@@ -286,7 +286,7 @@ class Stopped(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="summary"):
-    """How a run ended and what came of it.
+    """How a run ended and its results.
 
     `ended` is "goal", "max-rounds", "failed" (a rule gave up, a schedule stopped, or a process
     died) or "interrupted". Of a run that carried out a schedule it tells how many cubes that had,

@@ -17,7 +17,7 @@ M = TypeVar("M")
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put these bytes on a key; whoever listens to the key receives them, but not the putter."""
+    """Put these bytes on a key; all listeners of the key except the sender receive them."""
 
     key: str
     data: bytes
@@ -54,7 +54,7 @@ class Keep(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The node has come to its end: nothing more needs to be told to it."""
+    """The node has come to its end: it needs no further messages."""
 
 
 Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep[Any] | End

@@ -58,7 +58,7 @@ _END_S_MAX = 5.0
 
 
 class Routing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a router process is told at its incarnation."""
+    """What a router process is told when it starts."""
 
     endpoint: str
     passwords: dict[str, str] = {}

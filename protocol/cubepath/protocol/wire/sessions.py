@@ -106,10 +106,10 @@ def open_router(
     """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
 
     `guard` has the settings by which it lets clients in and lets them speak. A message of more
-    bytes, its key beside it, is dropped before it is put together. Raises InputError if
-    the router cannot listen there. It should have a process of its own, as `Router` gives it: the
-    receiving threads of zenoh are shared by all sessions of a process, and under a flood they would
-    wait for each other.
+    bytes, its key beside it, is dropped before it is put together. Raises InputError if the router
+    cannot listen there. It should have a separate process, as `Router` gives it: the receiving
+    threads of zenoh are shared by all sessions of a process, and under a flood they would wait for
+    each other.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [endpoint],
@@ -177,9 +177,9 @@ def open_client(
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
     It is tried for so many seconds: a router that has died may be on its way back. None is as long
-    as the parts of a run try: 10 s, and a minute if the router is there and stands still. With no
-    `credentials` of its own the session may listen at a private router, and say nothing. InputError
-    if the endpoint takes a certificate and there is none.
+    as the parts of a run try: 10 s, and a minute if the router is there and stands still. Without
+    `credentials` the session may listen at a private router, and publish nothing. InputError if the
+    endpoint takes a certificate and there is none.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [],
@@ -193,7 +193,8 @@ def open_client(
             return zenoh.open(_config("client", **settings))
         except zenoh.ZError:
             now = time.monotonic()
-            # Whoever is not there, or turns the session away, makes an attempt fail at once.
+            # A router that is absent, or turns the session away, makes the attempt fail
+            # immediately.
             silent = now - tried >= _OPEN_S
             most = patience_s
             if most is None:
@@ -254,7 +255,8 @@ def is_heard(declared: zenoh.Publisher) -> bool:
     """Return whether a session knows of a subscriber elsewhere to what a publisher puts.
 
     A router's admin space would also tell how many there are, but to ask it while somebody declares
-    anything can lock up the router for good (zenoh 1.10; eclipse-zenoh/zenoh, pull request 2619).
+    anything can lock up the router permanently (zenoh 1.10; eclipse-zenoh/zenoh, pull request
+    2619).
     """
     # An object, which is always true; zenoh's stub declares a bool.
     return bool(cast("Any", declared.matching_status).matching)

@@ -214,7 +214,7 @@ class Shell:
 
 
 def run_node(node: Node, endpoint: str, credentials: Credentials) -> None:
-    """Run a node on a session of its own until it ends."""
+    """Run a node on its own session until it ends."""
     with Shell(node, endpoint, credentials=credentials) as shell:
         shell.start()
         while not shell.ended:

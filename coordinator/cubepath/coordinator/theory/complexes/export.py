@@ -204,7 +204,7 @@ class ProjectedView:
 
 
 def best_view(points: Points, edges: NDArray[np.int32]) -> ProjectedView:
-    """Return points in space, shape (vertices, 3), as seen from where the most is told apart.
+    """Return points in space, shape (vertices, 3), from the viewpoint that separates them best.
 
     Looked at from many sides, the one is taken from which vertices are farthest from their nearest
     neighbours in the picture, and edges are longest; the wide side of the picture is across.

@@ -255,7 +255,7 @@ class OptimalityStages:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
 
     def _is_wide(self) -> bool:
-        """Return whether the exhaustive search would not begin, as far as that is told by arrays.
+        """Return whether the exhaustive search would not begin, as far as arrays show it.
 
         Then the moves that occur, which may be many, need not be listed.
         """
@@ -414,7 +414,7 @@ class OptimalityStages:
         return (path.actions[number] for number in np.unique(path.numbers).tolist())
 
     def _plain(self, cubes: Iterable[Iterable[Action]]) -> CubePath:
-        """Return the normal cube path of moves in which vehicles may have labels of their own."""
+        """Return the normal cube path of moves in which vehicles may have their own labels."""
         actions = [action for cube in cubes for action in cube]
         return normal_cube_path(actions if self._own is None else self._own.plain(actions))
 

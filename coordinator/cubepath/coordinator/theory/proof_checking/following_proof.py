@@ -283,8 +283,8 @@ def check_fewest_rounds(
 ) -> FewestRoundsResult:
     """Check a proof and return what it proves.
 
-    `tell` is told what is being done, and how much since the last call. Raises CheckError, in one
-    line, for the first thing that does not hold.
+    `tell` is called with what is being done, and how much since the last call. Raises CheckError,
+    in one line, for the first thing that does not hold.
 
     >>> found = check_fewest_rounds(FollowingProof(
     ...     rule="mapf", starts=[(0, 0)], ends=[(2, 0)], vertices=[(0, 0), (1, 0), (2, 0)],

@@ -82,7 +82,7 @@ def check_installed(what: str) -> None:
 
 
 class _Child(NamedTuple):
-    """The process, what it is told, and what it answers: unbuffered, so that it can be awaited."""
+    """The process, its input, and its answers: unbuffered, so that it can be awaited."""
 
     process: subprocess.Popen[bytes]
     told: BinaryIO

@@ -53,7 +53,7 @@ _LONGER, _LONGEST_S = 3.0, 3600.0
 _BUILDING_S = 2.0
 """How long the moves of a window may take to be found, in seconds."""
 _START_S = 0.4
-"""How long the process takes to start: until then it would not take what it is told."""
+"""How long the process takes to start: until then it would not accept orders."""
 _REST_ON_GRAPH = 5.0
 """For vehicles, other steps get so many times the time that building clauses took."""
 _STALLED_S = 1.0
@@ -107,8 +107,8 @@ class SatWindows:
     ) -> None:
         """Take the best path so far; without a system its moves are all that there are.
 
-        With `own_ends` the vehicles have no labels, but each keeps its own end. Whoever spends the
-        `budget` lets the solver go on meanwhile.
+        With `own_ends` the vehicles have no labels, but each keeps its own end. The solver
+        continues while others spend the `budget`.
         """
         budget.tick = self.advance
         self._own: OwnEnds | None = None

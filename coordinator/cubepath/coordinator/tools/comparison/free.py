@@ -301,7 +301,7 @@ _Chosen = tuple[object, ...]
 
 @dataclass(frozen=True)
 class _Trail:
-    """The turns of a module up to that of a commit, with what came of asking rules again."""
+    """The turns of a module up to that of a commit, with the results of asking rules again."""
 
     inputs: list[object]
     shown: ShownInTurn | None

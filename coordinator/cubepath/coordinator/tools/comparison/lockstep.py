@@ -27,7 +27,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
 
 _KINDS = ("presence", "note", "claim", "verdict", "report", "edges")
-"""What is said in a round, in this order."""
+"""The messages of a round, in this order."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ComparisonScope:
 
 @dataclass(frozen=True)
 class ClaimOutcomes:
-    """A claim that came of otherwise: what is on record of its round in both runs."""
+    """A claim with another result: what is on record of its round in both runs."""
 
     round: int
     module: int
@@ -209,7 +209,7 @@ class SideBySide:
         self._moves(number, a, b)
 
     def _is_lacking(self, number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> bool:
-        """Return whether a message is missing in a run that has not all that was said."""
+        """Return whether a message is missing in a recording with gaps."""
         for reading, said, lacking in zip(self.readings, lists, self.found.lacking, strict=True):
             # The edges come after the round, which may have been the last one.
             if key not in said and (key[0] == "edges" or reading.lacks(number)):
@@ -220,10 +220,10 @@ class SideBySide:
     def _choices(
         self, number: int, a: RecordedRound, b: RecordedRound, different: list[tuple[str, int]]
     ) -> None:
-        """Take down who chose otherwise, and the first claim that came of otherwise."""
+        """Note which modules chose otherwise, and the first claim with another result."""
         found = self.found
         for kind, module in different:
-            # The place from which a note is said follows from moves; what it says was chosen.
+            # The place from which a note is sent follows from moves; what it says was chosen.
             noted = kind == "note" and note_of(a, module) != note_of(b, module)
             silent = {(side, number) for side in (0, 1) if number in self._silent[side]}
             if noted and silent:
@@ -333,7 +333,7 @@ _Said = dict[tuple[str, int], Any]
 
 
 def _said(this: RecordedRound) -> _Said:
-    """Return what is said in a round, by kind and module."""
+    """Return the messages of a round, by kind and module."""
     found: _Said = dict(this.said)
     found.update((("report", module), report) for module, report in this.reports.items())
     if this.edges is not None:

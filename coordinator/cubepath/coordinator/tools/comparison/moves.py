@@ -110,7 +110,7 @@ class Reading:
         self._sorting.end()
 
     def lacks(self, number: int) -> bool:
-        """Return whether messages of a whole round can be missing though they were said."""
+        """Return whether messages of a whole round can be missing although they were sent."""
         damaged = bool(self.recording.problems) or RECOVERED in self.recording.parameters
         if self.by_kind or damaged:
             return True

@@ -36,7 +36,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, decode
 
 DRAWS_MAX = 1024
-"""Of more numbers that a rule draws in one choice none are told."""
+"""If a rule draws more numbers than this in one choice, none are reported."""
 
 
 @dataclass(frozen=True)
@@ -230,8 +230,8 @@ class RuleReplayer:
 def _drawn(before: RandomStream, after: RandomStream) -> tuple[float, ...] | None:
     """Return the numbers that were drawn since a stream was copied, as fractions.
 
-    First those of the stream itself, then those of its numpy generator, which are told only if they
-    are at most `DRAWS_MAX`.
+    First those of the stream itself, then those of its numpy generator, which are reported only if
+    they are at most `DRAWS_MAX`.
     """
     count = after.drawn - before.drawn
     if count > DRAWS_MAX:

@@ -59,8 +59,9 @@ def explain_choice(
 ) -> ChoiceDifference:
     """Explain a choice of a module in a round that differs, by reading both runs up to it.
 
-    `open_again` opens a run anew; `own` are the rules of their own that processes named for the
-    module, and `since` tells of modules that stood elsewhere by then since which round they did.
+    `open_again` opens a run anew; `own` are the their own rules that processes named for the
+    module, and `since` has, for modules that stood elsewhere by then, the round since which they
+    did.
     """
     readings = open_again(0), open_again(1)
     one, two = (
@@ -129,7 +130,7 @@ def _causes(
             refused = trail.refused[0] if trail.refused else None
             if played[side] is None:
                 lines.append(f"{NAMES[side]}: what it drew is not known: {refused or 'not asked'}")
-        # A cause is told only where nothing else can be it.
+        # A cause is reported only if nothing else can be it.
         firsts = [next(iter(trail.inputs)) for trail in trails]
         if any(first > way.begins for first, way in zip(firsts, ways, strict=True)):
             everything.append("memory")

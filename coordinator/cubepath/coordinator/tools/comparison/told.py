@@ -52,7 +52,7 @@ class MessageDifference:
 
 @dataclass(frozen=True, slots=True)
 class ChoiceContext:
-    """What a module sensed, was told, drew and chose in one of the runs.
+    """What a module sensed, received, drew and chose in one of the runs.
 
     `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
     (outside the workspace) or ``filled`` (an obstacle); `told` is what modules within reach said in
@@ -215,7 +215,7 @@ _ROUNDS_MAX = 8
 """So many rounds with other moves are shown."""
 _LINE = 100
 _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
-"""Parameters that are told by so many characters."""
+"""The number of characters of a parameter that are shown."""
 
 
 def told(found: RunComparison) -> str:
@@ -233,7 +233,7 @@ def told(found: RunComparison) -> str:
     if found.ends is not None:
         lines += _line("ended", f"{found.ends[0]} in a, {found.ends[1]} in b")
     outcome, choice = found.outcome, found.choice
-    # What comes of claims after the first other choice is no news.
+    # The results of claims after the first other choice are no news.
     if outcome is not None and (choice is None or outcome.round < choice.round):
         lines += ["", *_outcome(outcome)]
     if choice is not None:

@@ -216,7 +216,7 @@ def _rounds(recording: Recording) -> Iterator[Rows]:
         some = replace(recording, records=records)
         moves = some.moves()
         for number, wall_ns in zip(moves["round"].tolist(), moves["wall_ns"].tolist(), strict=True):
-            # Without rounds a commit may be told when a higher level was reached already.
+            # Without rounds a commit may be reported after a higher level was reached.
             found.setdefault(number, [0, 0, 0, 0, 0, wall_ns, wall_ns])[2] += 1
         claims = some.claims()
         for number, outcome in zip(claims["round"].tolist(), claims["outcome"], strict=True):

@@ -61,7 +61,7 @@ from cubepath.protocol.wire.messages import Claim, Message, Report
 HEARD = ("claim", "report", "attempt", "forwarded", "decision", "commit", "commits")
 """The kinds of messages, and of their parts, that are of use here."""
 _KEPT = 64
-"""A step can be told again until so many others have followed."""
+"""A step can be sent again until this many others have followed."""
 _NO_SITE = (CubepathError, TypeError, ValueError, LookupError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
 _Key: TypeAlias = tuple[int, ...]
@@ -118,7 +118,7 @@ class ClaimListener:
                 pass
 
     def _attempt(self, attempt: Attempt) -> None:
-        # It is said before anybody can know its level: that is above all that it may have seen.
+        # It is sent before anybody can know its level: that is above all that it may have seen.
         if attempt.generator is not None:
             self._claim((attempt.module, attempt.epoch, attempt.number), self._top + 1, attempt)
 
@@ -214,10 +214,10 @@ _FRAME = ("box", "behind", "before", "goal")
 
 
 class GrowingWorld:
-    """A world, the state that its path has led to, and what was told of it."""
+    """A world, the state that its path has led to, and what was sent of it."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin at the start, of which nothing was told."""
+        """Begin at the start, of which nothing was sent."""
         self.world = NumberedWorld(scene)
         self._state = set(scene.start_state)
         self._told: dict[str, Any] = {}
@@ -372,7 +372,7 @@ class Feed:
             self._news.notify_all()
 
     def hear(self, message: Words) -> None:
-        """Hand over what a module has said; it is told with the step that it belongs to.
+        """Hand over what a module has said; it is sent with the step that it belongs to.
 
         Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
         """
@@ -542,7 +542,7 @@ class Feed:
 
 
 def _joined(given: Sequence[tuple[int, Steps]]) -> list[tuple[int, Steps]]:
-    """Return the same steps with those in one that follow each other: the world is told once."""
+    """Return the same steps with those in one that follow each other: the world is sent once."""
     found: list[tuple[int, list[tuple[Action, ...]]]] = []
     for place, steps in given:
         if found and place == found[-1][0] + len(found[-1][1]):

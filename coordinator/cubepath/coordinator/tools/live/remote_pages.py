@@ -138,7 +138,7 @@ class RemoteRunPage:
         """How many rounds were over before: the page has none of these."""
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
         self._said: deque[Words] = deque()
-        """What is said before there is a feed, which bounds and counts what waits."""
+        """Messages from before there is a feed, which bounds and counts what waits."""
         self._take_words: Callable[[Words], None] = self._said.append
         self._known = 0  # moves of a run without rounds that were told
         self._again_s = 0.0

@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
 CLIENTS_MAX = 32
-"""So many connections at one time; those that come then are told to come again."""
+"""So many connections at one time; later ones are told to try again."""
 BODY_MAX = 1024
 """Bytes of an order; http.server bounds the rest of a request."""
 ASKING_S_MAX = 10.0
@@ -69,7 +69,7 @@ class Server(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Return where the page is: whoever has this may watch."""
+        """Return where the page is: a client that has this may watch."""
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
     @property
@@ -108,7 +108,7 @@ class Server(ThreadingHTTPServer):
         self.server_name, self.server_port = HOST, int(self.server_address[1])
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own, unless there are too many."""
+        """Answer in a separate thread, unless there are too many."""
         with self._lock:
             room = len(self._clients) < CLIENTS_MAX
             if room:

@@ -119,7 +119,7 @@ _SHARE = 10
 class LivePage:
     """A page of a run, as a context manager that serves it, and leaves nothing running.
 
-    A run with rounds can be paused and stepped from the page: whoever goes on with the run, by
+    A run with rounds can be paused and stepped from the page: the thread that advances the run, by
     `step`, `until`, `play` or `run`, then waits before the next round.
 
     >>> with start("hex:n=4", processes=1, log="logs/live.mcap") as run, LivePage(run) as page:

@@ -23,7 +23,7 @@ from cubepath.protocol.wire.messages import KINDS
 
 _KINDS = {*KINDS, *FREE_KINDS}
 _SAID_TO = "to"
-"""The first part of the keys of what is said to regions; the messages are of the kind `said`."""
+"""The first part of the keys of messages to regions; the messages are of the kind `said`."""
 _COORDINATOR = "coordinator"
 
 

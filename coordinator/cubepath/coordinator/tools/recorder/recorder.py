@@ -76,7 +76,7 @@ _MEGABYTE = 1_000_000
 class Recorder:
     """A recorder of a live run, as a context manager that leaves with its files closed.
 
-    A file that cannot be written ends the recorder, and is told when the block is left.
+    A file that cannot be written ends the recorder, and the error is raised when the block is left.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Recorder:
             self._router_lost_s: float | None = None
             self._listen()
             # The router knows who listens before it answers what was asked after that: from the
-            # round on that is told now nothing is missed.
+            # round that is returned on, nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
             self._times = MessageTimes(about)
             free = about.format == FREE_FORMAT
@@ -316,7 +316,7 @@ class Recorder:
             "left_out": str(self.left_out),
         }
 
-    # For whoever records.
+    # For the recorder.
 
     @property
     def logs(self) -> list[Path]:

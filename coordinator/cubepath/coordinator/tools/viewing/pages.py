@@ -134,7 +134,7 @@ def run_page(
 def page_text(document: dict[str, Any], *, live: bool = False) -> str:
     """Return the page of a document.
 
-    A `live` one is fed by whoever serves it, who also says what it may do: the policy in its head
+    A `live` one is fed by its server, which also says what the page may do: the policy in its head
     is one for the page that a reader saves.
     """
     parts = files("cubepath.coordinator.tools.viewing") / "page"
