@@ -41,9 +41,9 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
 PLACES_MAX = 1 << 16
-"""So many places may have numbers before those that were left behind are forgotten..."""
+"""This many places may have numbers before those that were left behind are forgotten..."""
 PLACES_EACH = 64
-"""...or so many for each module of the batch."""
+"""...or this many for each module of the batch."""
 
 
 def tables_of(scene: Scene, *, notes: bool) -> Tables:
@@ -312,7 +312,7 @@ class RelativeArrays:
     """Makes the relative observations of a batch; `array` is overwritten each time."""
 
     def __init__(self, batch: Batch) -> None:
-        """Take in what modules know from birth."""
+        """Take in what modules know from the start."""
         scene = batch.scene
         system = scene.system
         self._batch, self._system = batch, system
@@ -444,7 +444,7 @@ _compiler = _Compiler()
 
 
 def is_due(agents: int) -> bool:
-    """Return whether so many agents go on in compiled code; if not, their step is counted."""
+    """Return whether this many agents continue in compiled code; if not, their step is counted."""
     return not allowance.grant(_AGENT_STEP_US * agents) and _compiler.ready()
 
 

@@ -230,7 +230,7 @@ class LatticeTables(Tables):
         return Cells(coordinates, limits, self.places.background, self._slots)
 
     def _make_room(self, more: int) -> None:
-        """Make room for so many more cells."""
+        """Make room for this many more cells."""
         count, self.count = self.count, self.count + more
         self._room()
         for each in self._cell_arrays:

@@ -282,7 +282,7 @@ class GrowingArray:
         self.array: NDArray[Any] = np.full((16, *tail), value, dtype)
 
     def room(self, count: int) -> bool:
-        """Make room for so many rows; return whether the array was replaced."""
+        """Make room for this many rows; return whether the array was replaced."""
         if count <= len(self.array):
             return False
         size = max(count, 2 * len(self.array))

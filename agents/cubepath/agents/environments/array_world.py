@@ -164,7 +164,7 @@ class ArrayWorld:
 
     @classmethod
     def after(cls, world: World, *, relative: bool) -> ArrayWorld:
-        """Return a world in the state of a plain one, from which it goes on."""
+        """Return a world in the state of a plain one, from which it continues."""
         found = cls(world.scene, seed=world.seed, note_length=world.note_length, relative=relative)
         found.batch.put(0, world.sites, world.round, world.spoken())
         return found

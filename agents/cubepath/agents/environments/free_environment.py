@@ -36,7 +36,7 @@ from cubepath.protocol.core.system import Scene
 _TICKS = 1000
 """Between two turns of a module with speed factor 1, on average."""
 _PATIENCE = 30
-"""An unfair scheduler lets a module wait for so many turns for each module that there is."""
+"""An unfair scheduler lets a module wait for this many turns for each module that there is."""
 
 
 class Scheduler(Protocol):
@@ -176,9 +176,9 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
 
     `agent_selection` is who acts next, as the scheduler wants it. Observation, mask and action are
     those of `CubepathEnv`; with a `note_length` observations have ``notes``, the registers within
-    reach, and ``register``, the agent's own. `step` attempts the chosen move, which is committed at
-    once or refused, if what the agent was shown does not hold any more; `declare` before it adds
-    what else a `Choice` has. ``infos[agent]`` tells of the agent's last turn: ``committed``,
+    reach, and ``register``, the agent's own. `step` attempts the chosen move, which is committed
+    immediately or refused, if what the agent was shown does not hold any more; `declare` before it
+    adds what else a `Choice` has. ``infos[agent]`` tells of the agent's last turn: ``committed``,
     ``refused`` (why, or None) and ``illegal``. All agents share one reward: the change in the
     fraction of goal places that are taken. The episode terminates at the goal, and is truncated
     after `max_cycles` turns for each agent.
@@ -186,7 +186,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
     scheduler: ``"random"``, seeded, with `speeds` (a module with factor f acts f times more rarely)
     and `jitter` (the time between two turns is 1 - jitter to 1 + jitter times the average);
     ``"unfair"``, which prefers those that acted last; ``"turns"``. `lag` shows agents what is up to
-    so many commits old. What is attempted follows from the seed and the actions.
+    this many commits old. What is attempted follows from the seed and the actions.
 
     >>> env = FreeEnv("hex:n=3", max_cycles=20)
     >>> env.reset(seed=1)

@@ -99,9 +99,9 @@ class _Module:
 class FreeWorld:
     """All modules of a scene around one keeper; each acts by itself.
 
-    With a `lag` a module is shown each place as it was up to so many commits ago, drawn anew for
-    each place and turn, but never as it was before what it was shown there earlier. Its own site
-    is up to date, and its own register may be out of date too.
+    With a `lag` a module is shown each place as it was up to this many commits ago, drawn anew for
+    each place and turn, but never as it was before what it was shown there earlier. Its own site is
+    up to date, and its own register may be out of date too.
     """
 
     def __init__(self, scene: Scene, *, seed: int, note_length: int = 0, lag: int = 0) -> None:

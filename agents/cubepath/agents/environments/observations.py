@@ -70,7 +70,7 @@ class ObservationEncoder:
     """Turns what the modules of a scene see into what the environment shows."""
 
     def __init__(self, scene: Scene, showing: str) -> None:
-        """Take in what modules know from birth; InputError if `showing` is no `Showing`."""
+        """Take in what modules know from the start; InputError if `showing` is no `Showing`."""
         self._system = scene.system
         goals = scene.goals or ((),) * len(scene.start)
         self._observers = (

@@ -382,7 +382,7 @@ class _Playing:
 
 
 _ROUNDS = 20
-"""A run is taken to have so many rounds, to tell whether compiled code pays."""
+"""A run is taken to have this many rounds, to tell whether compiled code pays."""
 
 
 def play(

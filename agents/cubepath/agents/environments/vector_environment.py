@@ -101,8 +101,8 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
     ) -> tuple[Arrays, dict[str, Any]]:
         """Begin new episodes; ``options={"reset_mask": mask}`` chooses the environments.
 
-        A seed s gives environment i the seed s + i; a list has one for each. None goes on with the
-        streams of earlier seeds, of seed 0 at first.
+        A seed s gives environment i the seed s + i; a list has one for each. None continues with
+        the streams of earlier seeds, of seed 0 at first.
         """
         count = self.num_envs
         mask = (options or {}).get("reset_mask", np.ones(count, np.bool_))

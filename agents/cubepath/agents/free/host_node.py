@@ -114,7 +114,7 @@ class FreeHostNode(Node):
         return self._go_on()
 
     def _halt(self, order: int | None) -> None:
-        """Halt all modules, or let them go on."""
+        """Halt all modules, or let them continue."""
         halted = order is not None
         for module, mover in self.movers.items():
             mover.halted = halted
@@ -187,7 +187,7 @@ class FreeHostNode(Node):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(TileQuery(tile, serial))
         process, outgoing = self._config.process, self._outgoing
-        # What a rule chose is on record before what follows from it.
+        # What a rule chose is recorded before what follows from it.
         if turns:
             effects.append(outgoing.append(Turns(process, turns)))
         effects += (

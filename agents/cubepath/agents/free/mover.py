@@ -46,11 +46,11 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 MISSES = 3
-"""After so many attempts in a row that came too late it asks for what it senses to be held."""
+"""After this many attempts in a row that came too late it asks for what it senses to be held."""
 HOLD_TRIES = 2 * MISSES
-"""After it has asked a keeper to hold so often it goes on without."""
+"""After it has asked a keeper to hold so often it continues without."""
 HOLD_TICKS = 20
-"""So many ticks of the keepers it asks for at least, besides the time that it thinks."""
+"""This many ticks of the keepers it asks for at least, besides the time that it thinks."""
 
 State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
 Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
@@ -59,7 +59,7 @@ Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long a module thinks: so many times `THINK_S`, and longer by a share up to `jitter`."""
+    """How long a module thinks: this many times `THINK_S`, and longer by a share up to `jitter`."""
 
     factor: float = 0.0
     jitter: float = 0.0

@@ -66,9 +66,9 @@ LEASE_TICKS, LEASE_TICKS_MAX = 6, 200
 longer from the start for a module whose last attempt was aborted so: links may be slow."""
 ABORTED = "aborted: it did not come through in time"
 REMIND_TICKS = 40
-"""After so many ticks a keeper tells a commit again to those who have not acknowledged it."""
+"""After this many ticks a keeper tells a commit again to those who have not acknowledged it."""
 SETTLE_TICKS = 10
-"""After so many ticks at most a keeper acknowledges commits."""
+"""After this many ticks at most a keeper acknowledges commits."""
 FETCH_MAX = 200
 """Commits in one answer to `Fetch`."""
 WAITING_MAX = 4096

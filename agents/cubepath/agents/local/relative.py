@@ -29,7 +29,7 @@ Hops: TypeAlias = NDArray[np.uint16]
 """The number of moves from each site, by number, to the nearest goal; `NEVER` without a way."""
 
 NEVER = (1 << 16) - 1
-"""More than any number of moves: there are at most so many sites."""
+"""More than any number of moves: there are at most this many sites."""
 
 
 class Sites:
@@ -347,7 +347,7 @@ def _total(system: System, goals: tuple[Site, ...]) -> tuple[float, ...]:
 
 
 _KNOWN_MAX = 1 << 18
-"""So many sites are remembered at most, each with goals: then all are asked again."""
+"""At most this many sites are remembered, each with goals: then all are asked again."""
 
 
 class RelativeRows:

@@ -190,9 +190,9 @@ def told(spec: str, found: Difference, how: str, clock: str) -> str:
 
 
 _HASH_SEEDS = 4
-"""So many servers, each with its own hash seed; most plays use the first."""
+"""This many servers, each with its own hash seed; most plays use the first."""
 _WATCHED = 6
-"""So many modules of a scene are played again on their own, spread over their numbers."""
+"""This many modules of a scene are played again on their own, spread over their numbers."""
 _HESITATE = 0.2
 _ROUNDS = 40
 _SEEDS = 1 << 31

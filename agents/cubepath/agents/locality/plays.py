@@ -173,7 +173,7 @@ class PlayResult:
 
 
 _WALK = 6
-"""A module is put where so many moves could have taken it, whatever is in the way."""
+"""A module is put where this many moves could have taken it, whatever is in the way."""
 _TRIES = 4
 _VAIN_MAX = 50
 """Where modules cannot stand by themselves, as diagonals of a triangulation, so many are tried."""

@@ -190,7 +190,7 @@ class Traps:
     # The clock.
 
     def _seconds(self) -> float:
-        """Return the time of day; it goes on within a round, and from round to round."""
+        """Return the time of day; it continues within a round, and from round to round."""
         self._readings += 1
         number = 0 if self._asked is None else self._asked[1]
         jump = self._number(self._conditions.clock, "clock") % 7919 / 1000

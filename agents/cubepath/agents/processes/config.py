@@ -30,6 +30,6 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
     recorded: RecordedChoices | None = None
-    """What its modules chose in a run on record, and choose again until that is over."""
+    """What its modules chose in a run in the recording, and choose again until that is over."""
     credentials: Credentials = GUEST
     """By what it shows who it is; a process elsewhere has its own."""

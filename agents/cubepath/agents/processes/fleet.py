@@ -165,7 +165,7 @@ class LockstepFleet(ProcessFleet):
         again, and follow the rule after `end_schedule`, the others from the first round on.
 
         A phase in which nothing arrives for `patience_s` ends the run. What modules the processes
-        from elsewhere leave is dealt to so many own `processes`.
+        from elsewhere leave is dealt to this many own `processes`.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
         waiting and may raise to end the run between two messages. `plausible` may refuse what
@@ -315,7 +315,7 @@ class LockstepFleet(ProcessFleet):
 
     @property
     def round(self) -> int:
-        """Return the number of the round on the wire; it goes on counting after `reset`."""
+        """Return the number of the round on the wire; it continues counting after `reset`."""
         return self._pacer.round
 
     def reset(self, seed: int) -> None:

@@ -109,7 +109,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Proce
             credentials=joining.credentials,
         )
         say(f"joined run {run} as {process_name(orders.process)}")
-        # Before the scene is read: what goes wrong with it is then noticed at once.
+        # Before the scene is read: what goes wrong with it is then noticed immediately.
         with session.liveliness().declare_token(alive_key(run, process_name(orders.process))):
             _serve(session, orders, liveness, joining.patience_s)
     return orders

@@ -160,7 +160,7 @@ class Membership:
     """The joiners of one run, up to the number that is expected."""
 
     def __init__(self, modules: int, expected: int) -> None:
-        """Expect so many joiners for a scene with so many modules."""
+        """Expect this many joiners for a scene with this many modules."""
         self._modules = modules
         self._expected = expected
         self._entries: dict[str, _Entry] = {}

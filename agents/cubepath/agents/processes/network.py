@@ -51,7 +51,7 @@ class NetworkConfig:
         return self.secure is None and self.listen is not None
 
     def check(self, modules: int, processes: int) -> None:
-        """Check it for a run of so many modules in so many own processes; InputError if not."""
+        """Check it for a run of this many modules in this many own processes; InputError if not."""
         if self.listen is not None and self.connect is not None:
             raise InputError(f"connect={self.connect}: the run has a router already, to listen")
         endpoint = self.listen if self.connect is None else self.connect

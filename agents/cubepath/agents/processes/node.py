@@ -215,7 +215,7 @@ class HostNode:
     # What is heard.
 
     def _hear(self, said: Bundle) -> list[Effect]:
-        """Keep a bundle for the end of its phase; verdicts are given at once."""
+        """Keep a bundle for the end of its phase; verdicts are given immediately."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
         heard = self._judge.heard(said)

@@ -52,7 +52,7 @@ Check: TypeAlias = Callable[[Message], object]
 raises RefusedError if it cannot be, given where modules stand."""
 _NAMED_MAX = 8
 _ASKED_MAX = 1000
-"""So many messages that ask again, or say that one waits, are taken of a process in a phase."""
+"""This many messages that ask again, or say that one waits, are taken of a process in a phase."""
 
 
 class ProcessDied(CheckError):  # noqa: N818 - named for what happened

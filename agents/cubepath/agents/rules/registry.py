@@ -237,7 +237,7 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
 
 
 _TRIED = 16
-"""For so many modules a rule is made to see whether it refuses a scene."""
+"""For this many modules a rule is made to see whether it refuses a scene."""
 
 
 def own_rule(scene: Scene) -> str:

@@ -24,7 +24,7 @@ from cubepath.protocol.core.system import System
 
 @dataclass(frozen=True, slots=True)
 class InitialKnowledge:
-    """What a module knows from birth: the static map, its own number, place and goals.
+    """What a module knows from the start: the static map, its own number, place and goals.
 
     `modules` is the number of modules; where the others are is unknown. `stream` has the module's
     own random numbers, derived from the seed of the run and its number; it does not tell that seed.

@@ -113,12 +113,12 @@ class RecordedChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ar
 
     move: GeneratorPlacement | None = None
     note: list[int] | None = None
-    """What it said at the beginning of the next round; None if that is not on record."""
+    """What it said at the beginning of the next round; None if that is not recorded."""
     failed: str | None = None
 
 
 class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What some modules chose on record, and what they do when that is over."""
+    """What some modules chose in the recording, and what they do when that is over."""
 
     choices: dict[int, list[RecordedChoice]]
     """By module its choices in the rounds from 1 on; a module that is not here follows its rule."""
@@ -131,7 +131,7 @@ class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rules: dict[int, str] = {}
     """By module the rule that it follows then, if that is not the rule of the run."""
     heard: bool = False
-    """Whether what was noted last on record is heard in the first round of the rules."""
+    """Whether what was noted last in the recording is heard in the first round of the rules."""
 
     def of(self, modules: Sequence[int]) -> RecordedChoices:
         """Return what concerns some modules."""
@@ -143,7 +143,7 @@ class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def as_recorded(told: RecordedChoices) -> RuleType:
-    """Return the rule by which each module chooses what it chose on record."""
+    """Return the rule by which each module chooses what it chose in the recording."""
 
     def make(knowledge: InitialKnowledge) -> Rule:
         return _repeat(told.choices[knowledge.module])

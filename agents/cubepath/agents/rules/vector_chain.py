@@ -37,7 +37,7 @@ _STEPS = 8
 
 
 class _Tables(NamedTuple):
-    """What the rule asks of slots, and what each module knows from birth.
+    """What the rule asks of slots, and what each module knows from the start.
 
     Few arrays, as each costs time in every call. Sets of directions are bit masks.
     """

@@ -20,7 +20,7 @@ from cubepath.protocol.core.system import System
 
 @dataclass(frozen=True, slots=True)
 class VectorKnowledge:
-    """What the modules know from birth, by module: `InitialKnowledge` of all of them.
+    """What the modules know from the start, by module: `InitialKnowledge` of all of them.
 
     `streams` makes the modules' own streams, as they are before anything is drawn. What a rule does
     for one module must follow from that module's part.

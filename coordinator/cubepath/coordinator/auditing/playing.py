@@ -58,7 +58,7 @@ class ScheduleParts:
     """The parts of the modules in a schedule."""
 
     def __init__(self, system: System, cubes: Cubes) -> None:
-        """Take the schedule on record; obstacles do not change whose move it is."""
+        """Take the recorded schedule; obstacles do not change whose move it is."""
         self._cubes = cubes
         placed = ((move.generator, site_in(move.at)) for cube in cubes for move in cube)
         try:
@@ -260,7 +260,7 @@ class RuleAudit:
         self._tell(fail)
 
     def _take_over(self, moment: Moment) -> None:
-        """Follow the rule that goes on after the schedule, each module from where it stands."""
+        """Follow the rule that continues after the schedule, each module from where it stands."""
         name = self._parameters.get("repair")
         if name is None:
             self._parts = None
@@ -306,7 +306,7 @@ class RuleAudit:
                 fail(f"{_who(moment, module)}: its note is {told}, by its rule it is {by_rule}")
 
     def _compare(self, moment: Moment, module: int, choice: Choice, fail: _Fail) -> None:
-        """Compare a choice with the claim and the report on record."""
+        """Compare a choice with the claim and the report in the recording."""
         due = _chosen(self._system, moment.sites[module], choice)
         message = moment.said.said.get(("claim", module))
         said: _Named = None
@@ -521,7 +521,7 @@ def _is_bare(turn: Turn) -> bool:
 
 
 def _compared(turn: Turn, choice: Choice) -> list[tuple[str, object, object]]:
-    """Return what is on record beside what the rule chose."""
+    """Return what is recorded beside what the rule chose."""
     exchanges = {site_in(place): list(note) for place, note in turn.exchanges}
     return [
         ("action", turn.action, choice.action),

@@ -185,8 +185,8 @@ _TICK_SECONDS = 0.5
 def progress_bar(total: int | None, what: str, unit: str) -> Any:
     """Return a progress bar on standard error: on a terminal a bar, elsewhere `Lines`.
 
-    The time goes on while nothing is counted; without a `unit` it is all there is. The environment
-    variable ``CUBEPATH_PROGRESS=0`` turns both off.
+    The time continues while nothing is counted; without a `unit` it is all there is. The
+    environment variable ``CUBEPATH_PROGRESS=0`` turns both off.
     """
     stream = sys.stderr
     bar: Any

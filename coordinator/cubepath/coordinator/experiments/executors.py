@@ -77,7 +77,7 @@ def _compile_rule(rule: str, system: str) -> None:
 
 
 _AHEAD = 2
-"""So many batches for each worker are handed out at a time."""
+"""This many batches for each worker are handed out at a time."""
 _LOOK_S = 0.5
 
 

@@ -46,7 +46,7 @@ MARK = "sweep.json"
 _FORMAT = "cubepath-sweep-1"
 _LOCK = ".lock"
 _RUNS_MAX, _SECONDS_MAX = 256, 2.0
-"""After so many runs, or this time, a part is written."""
+"""After this many runs, or this time, a part is written."""
 
 
 def arrow() -> Any:

@@ -42,7 +42,7 @@ GRACE_S = 5.0
 """A run that does not let itself be interrupted for so long takes its process with it."""
 TIMEOUT_S_MAX = 1_000_000
 _AGAIN_S = 1.0
-"""A run that goes on is interrupted again after so long: a rule may catch whatever is raised."""
+"""A run that continues is interrupted again after so long: a rule may catch whatever is raised."""
 
 
 class OverTimeError(BaseException):

@@ -41,7 +41,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Report, decode
 
 _RESULTS = ("edges", "cube", "certificate", "summary")
-"""Messages on record that were not said by anybody, but found by the coordinator."""
+"""Messages in the recording that were not said by anybody, but found by the coordinator."""
 
 
 def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | None) -> PlayedRun:
@@ -168,7 +168,7 @@ _EXPECTED = ("ended", "ran away")
 """What the simulator finds fault with, and is no error of code where faults have no bounds: that
 they ended a run, or kept it from its end."""
 _ENDLESS = "liveness"
-"""It also finds fault with a run without rounds that goes on for very long without an end."""
+"""It also finds fault with a run without rounds that continues for very long without an end."""
 
 
 class _AtRates:

@@ -63,7 +63,7 @@ class Pool:
     play = staticmethod(play_or_end)
 
     def __init__(self, count: int, instead: str = "jobs=1") -> None:
-        """Have so many; `instead` says how one does without, if none can be started."""
+        """Have this many; `instead` says how one does without, if none can be started."""
         self.count = count
         self._instead = instead
         self._executor: ProcessPoolExecutor | None = None

@@ -257,7 +257,7 @@ class WaitForOrder:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackEnd:
-    """All is played; it goes on if an order says so."""
+    """All is played; it continues if an order says so."""
 
 
 Deed: TypeAlias = PutMessage | PositionJump | WaitForOrder | PlaybackEnd

@@ -65,8 +65,8 @@ class PlayedMessages:
         """Take messages of `kinds`, or what matches one of `topics`, but nothing of `exclude`.
 
         Patterns are those of file names, over topics such as "reports/process_0"; one without a
-        slash means all topics of a kind. InputError if nothing on record matches one of them, or if
-        nothing is left to play.
+        slash means all topics of a kind. InputError if nothing in the recording matches one of
+        them, or if nothing is left to play.
         """
         said = said_under(recording.clock)
         stray = sorted(set(kinds or ()) - set(said))
@@ -105,7 +105,7 @@ def _named(name: str, given: Collection[str]) -> list[str]:
 
 
 def _pattern(name: str, text: str, there: Collection[str]) -> str:
-    """Return a pattern of topics; InputError if nothing on record matches.
+    """Return a pattern of topics; InputError if nothing in the recording matches.
 
     Parts of batches are no topics.
     """
@@ -284,7 +284,7 @@ class RecordedStates:
         return self._of_reports(max(whole), found) if whole else self._before_the_first(mark, found)
 
     def _before_the_first(self, mark: Cursor, found: dict[int, dict[int, Report]]) -> StateAt:
-        """Return the state before the first whole round, which is the first if all is on record."""
+        """Return the state before the first whole round, which is the first if all is recorded."""
         modules = len(self._scene.start)
         told = {number: dict(each) for number, each in found.items()}
         each = self._reel.next(mark, _REPORTS)
@@ -371,7 +371,7 @@ class SegmentComparison:
         self._recording = recording
         self._extent = extent
         self.rounds: set[int] = set()
-        """The rounds, or levels, whose moves were compared with those on record."""
+        """The rounds, or levels, whose moves were compared with those in the recording."""
         self._differences: dict[str, None] = {}
         self._begin()
 

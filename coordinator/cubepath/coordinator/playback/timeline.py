@@ -88,7 +88,7 @@ class PlaybackRate:
         return "max" if self.rate is None else f"{self.rate:g}{'x' if self.by == 'clock' else ''}"
 
     def times(self, factor: float) -> PlaybackRate:
-        """Return a pace so many times as fast; nothing is faster than as fast as possible."""
+        """Return a pace this many times as fast; nothing is faster than as fast as possible."""
         if self.rate is None:
             return self
         return PlaybackRate(max(self.rate * factor, RATE_MIN), self.by)

@@ -48,7 +48,7 @@ class RunInfo(msgspec.Struct, frozen=True):
     round: int = 0
     """The last complete round, or the greatest level, when it was asked."""
     is_replay: bool = False
-    """Whether it is a recording that is played, back and forth, and not a run that goes on."""
+    """Whether it is a recording that is played, back and forth, and not a run that continues."""
 
 
 def about_key(run: str) -> str:
@@ -73,8 +73,8 @@ def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, 
 def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     """Return what the run of this name says of itself, or the one that there is at the endpoint.
 
-    It is waited for, so many seconds. CheckError if none answers in time; InputError if several do
-    and none was named, or if it is of another version.
+    It is waited for, this many seconds. CheckError if none answers in time; InputError if several
+    do and none was named, or if it is of another version.
     """
     deadline = time.monotonic() + patience_s
     while True:
@@ -124,7 +124,7 @@ class Status(msgspec.Struct, frozen=True):
     """How many cubes the normal cube path has so far."""
     goal_reached: bool
     ended: str | None
-    """How the run has ended, None if it goes on."""
+    """How the run has ended, None if it continues."""
 
 
 class Released(msgspec.Struct, frozen=True, array_like=True):
@@ -136,9 +136,9 @@ class Released(msgspec.Struct, frozen=True, array_like=True):
 
 
 Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Json]]]
-"""Returns the moves from a place on, so many at most; called in any thread."""
+"""Returns the moves from a place on, this many at most; called in any thread."""
 MOVES_MAX = 10_000
-"""So many moves are answered at one time at most."""
+"""At most this many moves are answered at one time."""
 
 
 class _Answer(msgspec.Struct, frozen=True):

@@ -117,7 +117,7 @@ class SequenceTracker:
 LOOK_S = 0.25
 """How often it looks for what it lacks."""
 TAIL_LOOKS = 8
-"""After so many looks without anything new it asks keepers whether there is more."""
+"""After this many looks without anything new it asks keepers whether there is more."""
 
 
 class Collector(Node):
@@ -126,7 +126,7 @@ class Collector(Node):
     def __init__(
         self, run: str, gatherer: FreeGatherer, keepers: int, modules_of: Sequence[Sequence[int]]
     ) -> None:
-        """Gather a run of so many keepers; each process speaks for its own modules."""
+        """Gather a run of this many keepers; each process speaks for its own modules."""
         self.gatherer = gatherer
         self.level = 0
         """The greatest level heard of."""
@@ -153,7 +153,7 @@ class Collector(Node):
         return [Listen((everything(self._run),)), *self.fetch(), Timer(LOOK_S)]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message, which goes on record even if it is a `contradiction`."""
+        """Take a message, which goes in the recording even if it is a `contradiction`."""
         try:
             message = _read(self._run, key, data)
             self._check_speaker(message)
@@ -243,7 +243,7 @@ class Collector(Node):
         return self._give_order("over")
 
     def resume(self) -> list[Effect]:
-        """Tell all modules to go on."""
+        """Tell all modules to continue."""
         return self._give_order("sense")
 
     def _give_order(self, phase: Literal["over", "sense"]) -> list[Effect]:
@@ -297,5 +297,5 @@ def _read(run: str, key: str, data: bytes) -> _Said:
 
 
 def refusals_in(kept: Keep[FreeMessage]) -> int:
-    """Return how many refused messages a message on record tells of."""
+    """Return how many refused messages a message in the recording tells of."""
     return kept.message.count if isinstance(kept.message, Refused) else 0

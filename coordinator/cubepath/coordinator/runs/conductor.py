@@ -52,8 +52,8 @@ class Conductor:
     ) -> None:
         """Begin at the start of the scene; `record` is given the coordinator's own results.
 
-        With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
-        where it stops. With `recorded_rounds` they follow rules after so many rounds.
+        With an `assignment` the modules carry out a schedule; with `repair` they continue with a
+        rule where it stops. With `recorded_rounds` they follow rules after this many rounds.
         """
         self.gatherer = Gatherer(scene, self._step)
         self.refused = 0
@@ -111,10 +111,10 @@ class Conductor:
         return None
 
     def between(self, round_number: int, end_schedule: Callable[[], object]) -> RunEnd | None:
-        """Return how the run has ended after a round (0: before the first), None if it goes on.
+        """Return how the run has ended after a round (0: before the first), None if it continues.
 
         `end_schedule` is called if modules are to follow their rule from now on, after a schedule
-        or what was on record.
+        or what was recorded.
         """
         if self.gatherer.rounds != round_number:
             why = f"round {round_number} ended, but not all modules have reported it"

@@ -204,7 +204,7 @@ class Gathered(ABC):
 
     @property
     def live(self) -> FastHeap:
-        """Return a heap of the same moves that costs little to ask for while the run goes on."""
+        """Return a heap of the same moves that costs little to ask for while the run continues."""
         return self.heap
 
     @property

@@ -324,7 +324,7 @@ class _Sides:
         self._lanes = self._chart.height - float(ends[0, 1]), self._chart.height - float(ends[1, 1])
 
     def shot(self, number: int) -> Image.Image:
-        """Return the picture of both after so many steps, or at their ends."""
+        """Return the picture of both after this many steps, or at their ends."""
         sides = zip(
             self._sides,
             self._captions,

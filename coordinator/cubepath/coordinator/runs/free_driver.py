@@ -41,7 +41,7 @@ from cubepath.protocol.wire.nodes import Keep, Put
 from cubepath.protocol.wire.shell import Shell
 
 BEHIND_MAX, BEHIND_MIN = 8000, 500
-"""Modules halt while so many messages wait to be put on record, until so few do."""
+"""Modules halt while this many messages wait to be put in the recording, until so few do."""
 _STEP_S = 0.05
 _LOOK_S = 0.2
 _SETTLE_S_MAX = 5.0
@@ -225,7 +225,7 @@ class FreeDriver(Driver[FreeFleet]):
         }
 
     def _take_up(self) -> None:
-        """Take up what is on record already."""
+        """Take up what is recorded already."""
         for record in self._before.records if self._before is not None else ():
             if not is_said(record.kind):
                 continue
@@ -239,7 +239,7 @@ class FreeDriver(Driver[FreeFleet]):
         self.writer.flush()  # to start the fleet may take seconds, and to end it
 
     def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet) -> None:
-        """Wait until all keepers have answered: from then on everything is on record."""
+        """Wait until all keepers have answered: from then on everything is recorded."""
         collector = self._collector
         asked = time.monotonic()
         until = asked + self.plan.patience

@@ -97,7 +97,7 @@ class FreeGatherer(Gathered):
     def __init__(
         self, scene: Scene, keepers: int, watch: Callable[[Commit], None] | None = None
     ) -> None:
-        """Begin at the start of the scene, whose units so many keepers have."""
+        """Begin at the start of the scene, whose units this many keepers have."""
         self.scene = scene
         self.sites = list(scene.start)
         self._system = scene.system
@@ -237,7 +237,7 @@ class FreeGatherer(Gathered):
     # What comes in.
 
     def take(self, message: FreeMessage) -> None:
-        """Take a message that belongs on record; CheckError as for `receive`."""
+        """Take a message that belongs in the recording; CheckError as for `receive`."""
         match message:
             case Commit():
                 self.receive(message)

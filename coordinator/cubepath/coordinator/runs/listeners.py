@@ -16,7 +16,7 @@ from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 
 TAP_MAX = 1_000_000
-"""So many messages wait in a tap at most; then the oldest are dropped, and counted."""
+"""At most this many messages wait in a tap; then the oldest are dropped, and counted."""
 
 
 class TappedMessage(msgspec.Struct, frozen=True):

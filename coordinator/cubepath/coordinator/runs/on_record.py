@@ -72,7 +72,7 @@ class RecordedDecisions:
 def on_record(recording: Recording) -> RecordedDecisions:
     """Read what modules said and chose in the whole rounds of a recording.
 
-    InputError in one line if they did not choose by rules in rounds, or if what is on record does
+    InputError in one line if they did not choose by rules in rounds, or if what is recorded does
     not fit together; CheckError as for `gathered`.
     """
     _check_kind(recording)

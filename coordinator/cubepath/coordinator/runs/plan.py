@@ -114,7 +114,7 @@ class Branch:
 
     recorded: RecordedChoices
     rounds: int | None
-    """After so many rounds all modules follow rules; None if never."""
+    """After this many rounds all modules follow rules; None if never."""
     parameters: Mapping[str, str]
     """What the recording of the run says of it."""
 

@@ -106,7 +106,7 @@ class _Known:
                 self._entered[enter.module] += 1
 
     def message(self, message: FreeMessage, where: Path) -> None:
-        """Take note of what a message on record says of the logs."""
+        """Take note of what a message in the recording says of the logs."""
         match message:
             case Commit():
                 self._moved(message, where)

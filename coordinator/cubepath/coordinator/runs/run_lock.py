@@ -52,7 +52,7 @@ _CLOSE_S_MAX = 60.0
 
 
 class RunLock:
-    """Who may go on with a run: one thread at a time, and nobody who listens to a round."""
+    """Who may continue with a run: one thread at a time, and nobody who listens to a round."""
 
     def __init__(self) -> None:
         """Begin with nothing under way."""
@@ -100,7 +100,7 @@ class RunLock:
     def to_close(self) -> Generator[bool]:
         """Say whether everything can be ended now: not from a listener of a round.
 
-        Another thread that goes on with the run has some time to end it.
+        Another thread that continues with the run has some time to end it.
         """
         self.stopping = True
         held = self._lock.acquire(timeout=_CLOSE_S_MAX)

@@ -195,7 +195,7 @@ MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
 """Makes a keeper; tests give some with a bug in them."""
 
 MORE_MOVES = 20
-"""So many moves a run without a goal must have after its faults."""
+"""This many moves a run without a goal must have after its faults."""
 _STEPS_MAX = 400_000
 _ON_US, _REST_US = 240 * SECOND_US, 120 * SECOND_US
 """How long a run may take after its faults, and until it is at rest."""

@@ -59,7 +59,7 @@ class Liar:
         counts: Counter[str],
         tell: _Tell,
     ) -> None:
-        """Lie in the name of this process; `counts` goes on when the process comes back."""
+        """Lie in the name of this process; `counts` continues when the process comes back."""
         self._node = node
         self._name = name
         self._run = run

@@ -31,7 +31,7 @@ _TO_GOAL, _TO_GOAL_LARGE = 1000, 150
 _HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
 
 Instance = Callable[[int, Random], str]
-"""Returns the spec of a scene with about so many modules."""
+"""Returns the spec of a scene with about this many modules."""
 
 
 def _chain(name: str) -> Instance:
@@ -283,7 +283,7 @@ class FreeScenario:
     factors: tuple[float, ...]
     """How slowly modules think, in turn."""
     moves: int
-    """After so many moves there are no more faults."""
+    """After this many moves there are no more faults."""
     long_us: int
     """After this time, too."""
     files: bool

@@ -47,9 +47,9 @@ class Coordinator:
     """Paces the processes round by round until the run has come to its end."""
 
     def __init__(self, pacer: Pacer, conductor: Conductor, record: Keeps) -> None:
-        """Begin; `record` is given what belongs on record."""
+        """Begin; `record` is given what belongs in the recording."""
         self.ending: RunEnd | None = None
-        """How the run has ended; None while it goes on."""
+        """How the run has ended; None while it continues."""
         self._pacer = pacer
         self._conductor = conductor
         self._record = record

@@ -41,7 +41,7 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
-"""So many messages wait in a direction at most."""
+"""At most this many messages wait in a direction."""
 _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""
 _PUBLISHERS_MAX = 512

@@ -117,7 +117,7 @@ class RunLog:
 
     @cached_property
     def all_deliveries(self) -> tuple[WireMessage, ...]:
-        """All that is on record in order, as it was on the wire: parts are not taken apart.
+        """All that is recorded in order, as it was on the wire: parts are not taken apart.
 
         The order is that in which the coordinator heard them. Of processes that say something in
         one phase, or without rounds at all, it says nothing of who was first.
@@ -259,7 +259,7 @@ class RunLog:
         return audit(self.recording)
 
     def assert_legal(self, rules: Collection[str] = ()) -> None:
-        """Check that everything on record is as it must be: as ``cubepath verify`` does.
+        """Check that everything in the recording is as it must be: as ``cubepath verify`` does.
 
         Every move was admissible and claimed, what was done at one time commutes, everyone heard
         what they should, and chose as their rule says. A rule in a file is asked again if `rules`

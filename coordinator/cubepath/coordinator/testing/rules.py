@@ -26,9 +26,9 @@ Direction: TypeAlias = Literal["up", "down"]
 PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
 KEPT = 1000
-"""So many messages that it met last a rule remembers."""
+"""This many messages that it met last a rule remembers."""
 COPIES_MAX = 1 << 18
-"""Of so many messages that came last it remembers how often they came, where chance decides."""
+"""Of this many messages that came last it remembers how often they came, where chance decides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,7 +202,7 @@ class Rule:
         self._wake.append(wake)
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
-        """Wait until it has met so many messages; CheckError if it does not within the time."""
+        """Wait until it has met this many messages; CheckError if it does not within the time."""
         check_whole("times", times)
         deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
         with self._changed:

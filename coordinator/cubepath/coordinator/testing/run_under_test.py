@@ -106,13 +106,13 @@ class Joiners:
 
 TIMEOUT_S = 30.0
 HEARD_MAX = 5000
-"""So many messages that it heard last a run remembers for tests."""
+"""This many messages that it heard last a run remembers for tests."""
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
 _MENDED = "and was started again"
 _FOR_A_LINK = 5
 _FOR_A_COMMAND = 5
-"""So many descriptors are open for each at one time, at most."""
+"""This many descriptors are open for each at one time, at most."""
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -275,7 +275,7 @@ class RunUnderTest(ProcessFaults):
         if error is not None:
             raise error
 
-    # How it goes on.
+    # How it continues.
 
     def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
         """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
@@ -317,7 +317,7 @@ class RunUnderTest(ProcessFaults):
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
-        """Go on until there are so many moves in all."""
+        """Go on until there are this many moves in all."""
         __tracebackhide__ = True
         check_whole("until_moves", number)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
@@ -412,7 +412,7 @@ class RunUnderTest(ProcessFaults):
 
     @property
     def outcome(self) -> Outcome:
-        """Return the outcome; CheckError while the run goes on."""
+        """Return the outcome; CheckError while the run continues."""
         return self.run.outcome
 
     @property

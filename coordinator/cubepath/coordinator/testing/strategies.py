@@ -73,7 +73,7 @@ class Trial:
 
         With rounds: the path is the one without faults, the run ends as it does there unless a
         fault ended it, and its log is legal. Without rounds: every invariant of keepers, and that
-        the run goes on after its faults.
+        the run continues after its faults.
         """
         __tracebackhide__ = True
         tried = self.play(make)
@@ -164,7 +164,7 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
 
 
 def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
-    """Return where a fault of a kind can strike a run of so many processes and keepers."""
+    """Return where a fault of a kind can strike a run of this many processes and keepers."""
     hosts = [f"process_{number}" for number in range(processes)]
     kept = [f"keeper_{number}" for number in range(keepers)] if clock == "free" else []
     # The coordinator of a run without rounds only listens.
@@ -214,8 +214,8 @@ def trial_of(
 ) -> Trial:
     """Return a trial of a system and a rule, by name or as ``FILE.py:NAME``; None is its own rule.
 
-    Without rounds there are faults until so many `moves` were made, in `keepers`. InputError names
-    what cannot be run, and faults that there are not under the clock.
+    Without rounds there are faults until this many `moves` were made, in `keepers`. InputError
+    names what cannot be run, and faults that there are not under the clock.
     """
     if not isinstance(system, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"system={system!r}: expected a name or a file")

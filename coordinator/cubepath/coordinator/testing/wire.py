@@ -111,7 +111,7 @@ class Wire:
         return self._rule("delay", what, options | {"seconds": seconds})
 
     def double(self, what: What = "", *, seconds: float = 0.0, **options: Any) -> Rule:
-        """Have messages come twice, the second time so many seconds later. Keys as `drop`."""
+        """Have messages come twice, the second time this many seconds later. Keys as `drop`."""
         return self._rule("double", what, options | {"seconds": seconds})
 
     def hold(self, what: What = "", *, seconds: float | None = None, **options: Any) -> Rule:
@@ -126,7 +126,7 @@ class Wire:
         return self._rule("hold", what, options)
 
     def reorder(self, what: What = "", *, by: int = 1, **options: Any) -> Rule:
-        """Have messages overtaken by so many that come after them. Keys as `drop`."""
+        """Have messages overtaken by this many that come after them. Keys as `drop`."""
         return self._rule("reorder", what, options | {"by": by})
 
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:

@@ -180,7 +180,7 @@ _TITLES = ("", "round", "phase", "kind", "from", "to", "what")
 
 
 def short(text: str, most: int = _LINE_MAX) -> str:
-    """Return a text in one line that is no longer than so many characters."""
+    """Return a text in one line that is no longer than this many characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
 

@@ -151,7 +151,7 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> ComputedS
 
 
 def _best_found(scene: Scene, iterations: int) -> int | None:
-    """Return the cubes of the best path of a search of so many steps; None without a path.
+    """Return the cubes of the best path of a search of this many steps; None without a path.
 
     It goes out from what the rule of the family does with seed 0, whatever rules are compared, and
     the search has seed 0 too: so the value is one of the scene.

@@ -197,7 +197,7 @@ def check_recorded_certificate(
 ) -> None:
     """Check the certificate of a recording, if it has one, as the check `certificate`.
 
-    It must cover the moves of all complete rounds, and its cubes must be those on record.
+    It must cover the moves of all complete rounds, and its cubes must be those in the recording.
     """
     certificate = transcript.certificate
     if certificate is None:

@@ -402,7 +402,7 @@ def difference(
 
     They differ if they begin at different states, where both are known, or if one is not the other
     up to swapping neighbouring moves that commute; with `homotopic`, also up to taking out or
-    putting in a move that is undone at once.
+    putting in a move that is undone immediately.
 
     >>> a, b = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> difference([a, b], [b, a]), difference([a, b, a], [b], homotopic=True)

@@ -93,7 +93,7 @@ class OutcomeCheck:
         self._check_line(summary, pacing)
 
     def _due(self, at: _Outcome, transcript: Transcript) -> tuple[str, str | None] | None:
-        """Return how the run has to end after a round, with its error; None if it goes on."""
+        """Return how the run has to end after a round, with its error; None if it continues."""
         over, summary = transcript.schedule_over, transcript.summary
         stopped = None if summary is None else summary.schedule_stopped
         if self._cubes is not None and (over is None or at.round <= over):
@@ -159,7 +159,7 @@ class OutcomeCheck:
 
 
 def _cubes(recording: Recording) -> int | None:
-    """Return the number of cubes of the schedule on record; None if there is none."""
+    """Return the number of cubes of the recorded schedule; None if there is none."""
     if recording.schedule is None:
         return None
     try:

@@ -240,7 +240,7 @@ def _never_began(recording: Recording) -> bool:
 
 
 def _check_edges(path: LevelPath, transcript: FreeTranscript, fail: Fail) -> str:
-    """Compare the edges on record with the moves; return the digest of the moves."""
+    """Compare the recorded edges with the moves; return the digest of the moves."""
     digest = sha256()
     edges, known = transcript.edges, set[int]()
     for level, made in path.by_level():

@@ -39,7 +39,7 @@ class AskedContent(NamedTuple):
 
 
 class AskedAttempts:
-    """The attempts on record by number: what of each is compared with what others say of it."""
+    """The recorded attempts by number: what of each is compared with what others say of it."""
 
     def __init__(self, system: System, tiles: Tiles | None) -> None:
         """Begin with none; without tiles nobody knows through which keepers they pass."""
@@ -55,7 +55,7 @@ class AskedAttempts:
         return len(self._state)
 
     def place(self, name: Name) -> int:
-        """Return the number of an attempt, which need not be on record."""
+        """Return the number of an attempt, which need not be recorded."""
         found = self._names.place(name)
         if found == len(self._state):
             self._state.append(_UNHEARD)
@@ -157,7 +157,7 @@ class AskedAttempts:
 
 
 class TurnNumbers:
-    """The turns on record by number, each with the attempt that follows."""
+    """The recorded turns by number, each with the attempt that follows."""
 
     def __init__(self) -> None:
         """Begin with none."""
@@ -177,7 +177,7 @@ class TurnNumbers:
         return True
 
     def attempt(self, name: Name) -> int | None:
-        """Return the attempt of a turn, -1 if it makes none; None if the turn is not on record."""
+        """Return the attempt of a turn, -1 if it makes none; None if the turn is not recorded."""
         place = self._names.get(name)
         return None if place is None else self._attempts[place]
 

@@ -124,8 +124,8 @@ _CHECKED, _GIVEN_UP = 1, 2
 class Attempts:
     """The attempts of a run, and their results.
 
-    They are checked as they stand on record. `fail` is given what is wrong with commits by their
-    numbers, so that the first failure is the same however messages are ordered.
+    They are checked as they stand in the recording. `fail` is given what is wrong with commits by
+    their numbers, so that the first failure is the same however messages are ordered.
     """
 
     def __init__(

@@ -119,7 +119,7 @@ class UnitAccesses:
 
 
 def in_order(count: int, edges: Iterable[tuple[int, int]]) -> tuple[array[int], int | None]:
-    """Return an order of so many commits in which the first of each pair is before the second.
+    """Return an order of this many commits in which the first of each pair is before the second.
 
     Of those that can be next it has the least. Where pairs contradict each other the rest is left
     out, and the least that is left out is returned too.

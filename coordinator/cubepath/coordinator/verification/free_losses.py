@@ -134,7 +134,7 @@ class Losses:
     def at_rest(self, process: int) -> bool:
         """Return whether a process reported in its last incarnation that it rests after all it did.
 
-        If nothing is on record of that incarnation, this counts as missing.
+        If nothing is recorded of that incarnation, this counts as missing.
         """
         acted, rested = self._acted.get(process, (-1, 0)), self._rested.get(process)
         if rested is None or rested < acted:
@@ -158,7 +158,7 @@ class Losses:
         )
 
     def lack(self, fail: Fail, check: str, why: str, *, excused: bool) -> None:
-        """Take note of evidence that is not on record: a failure, unless that is `excused`."""
+        """Take note of evidence that is not recorded: a failure, unless that is `excused`."""
         if not excused:
             fail(check, why)
             return

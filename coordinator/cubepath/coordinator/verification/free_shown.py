@@ -39,7 +39,7 @@ _BLOCK = 1 << 14
 
 
 class VisibilityCheck:
-    """Whether what was shown was there, and goes on with the serial numbers of its tile."""
+    """Whether what was shown was there, and continues with the serial numbers of its tile."""
 
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
@@ -183,7 +183,7 @@ class Serials:
         self._tiles: dict[str, int] = {}
         self._topics: dict[str, int] = {}
         self._messages = array("i"), array("q"), array("i"), array("q")
-        """Of each message its tile, its serial number, its topic, and which it is on record."""
+        """Of each message its tile, its serial number, its topic, and which it is recorded."""
         self._parts = array("i"), array("i"), *(array("q") for _ in range(4))
         """Of each place shown its number, message, version, module or -1, its version, and hash."""
 

@@ -67,7 +67,7 @@ class _Progress:
 
     due: Iterator[Name]
     next: Name | None
-    """The next turn on record; those after it wait."""
+    """The next turn in the recording; those after it wait."""
     waiting: dict[Name, Turn] = field(default_factory=dict)
     before: Turn | None = None
     last: dict[Site, tuple[int, int]] = field(default_factory=dict)
@@ -81,8 +81,8 @@ class _Progress:
 class TurnsOfModules:
     """The turns of a run.
 
-    Those of a module are checked in their order, as they stand on record unless one had to be
-    repeated: then those behind it wait for it.
+    Those of a module are checked in their order, as they stand in the recording unless one had to
+    be repeated: then those behind it wait for it.
     """
 
     def __init__(
@@ -154,12 +154,12 @@ class TurnsOfModules:
             self._player.turn(seen, self._another_choice)
 
     def _lack(self, module: int, epoch: int, why: str) -> None:
-        """Take note of what the process of a module said and is not on record."""
+        """Take note of what the process of a module said and is not recorded."""
         excused = self._losses.of_module(module) or self._losses.before(module, epoch)
         self._losses.lack(self._fail, "turns", why, excused=excused)
 
     def _not_shown(self, turn: Turn, why: str, keepers: Iterable[int]) -> None:
-        """Take note of what keepers said to a module and is not on record."""
+        """Take note of what keepers said to a module and is not recorded."""
         before = self._losses.before(turn.module, turn.epoch)
         excused = before or self._losses.of_keepers(keepers)
         self._losses.lack(self._fail, "turns", why, excused=excused)

@@ -130,7 +130,7 @@ class Names:
 
 
 _KEPT = 256
-"""So many commits are kept as they were decoded: the numbers of one stand close together."""
+"""This many commits are kept as they were decoded: the numbers of one stand close together."""
 _pack = msgspec.msgpack.Encoder().encode
 _row: Any = tuple[tuple(each.type for each in fields(Commit))]  # type: ignore[misc]  # by its fields
 _unpack = msgspec.msgpack.Decoder(_row).decode

@@ -25,7 +25,7 @@ from cubepath.protocol.wire.keys import Tiles
 
 CHECK = "parameters"
 RECORDED = "recorded"
-"""The rule of modules that choose as on record, by its name in parameters."""
+"""The rule of modules that choose as in the recording, by its name in parameters."""
 _SPANS = re.compile(r"\d{1,6}(-\d{1,6})?(,\d{1,6}(-\d{1,6})?)*", re.ASCII)
 _MODULES_MAX = 1 << 20
 _WHOLE = "whole_messages"

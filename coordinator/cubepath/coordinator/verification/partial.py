@@ -66,8 +66,8 @@ def verify_partial(
 ) -> Verification:
     """Check each message by itself; `rounds` counts the whole ones, of which all have reported.
 
-    Without rounds it counts the levels of which there are commits. The moves and cubes are those on
-    record: nothing is derived.
+    Without rounds it counts the levels of which there are commits. The moves and cubes are those in
+    the recording: nothing is derived.
     """
     failures = Failures(checks)
     fail = failures.stage(0)
@@ -179,7 +179,7 @@ def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[
 
 
 def moves_in(recording: Recording) -> int:
-    """Return how many moves are on record; 0 if a message that tells of one is malformed."""
+    """Return how many moves are recorded; 0 if a message that tells of one is malformed."""
     try:
         return len(recording.moves()["round"])
     except InputError:  # told by `messages`
@@ -194,7 +194,7 @@ Blocks = Iterable[tuple[Iterable[Record], float]]
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """Where messages are missing for the first time that were on record once."""
+    """Where messages are missing for the first time that were recorded once."""
 
     begins: int
     """The number of the first that is missing."""

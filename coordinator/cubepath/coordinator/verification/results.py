@@ -44,7 +44,7 @@ def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
 
 
 def recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
-    """Return the cubes on record, None if a move of them is none of the system."""
+    """Return the recorded cubes, None if a move of them is none of the system."""
     cubes: list[list[Action]] = []
     for cube in transcript.result:
         actions = _actions(scene, cube, fail)
@@ -63,11 +63,11 @@ def check_cubes(
     *,
     whole: bool,
 ) -> None:
-    """Check the cubes on record against those derived, and the state after them."""
+    """Check the recorded cubes against those derived, and the state after them."""
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
     if not whole:
-        # That the end is missing is reported already: the cubes on record must be the first ones.
+        # That the end is missing is reported already: the recorded cubes must be the first ones.
         normal_form = normal_form[: len(cubes)]
     elif end is not None and end != state:
         stray = min(end ^ state, key=repr)
@@ -151,7 +151,7 @@ def concluded(
     missing: MissingMessages,
     unchecked: Mapping[str, str],
 ) -> Verification:
-    """Compare the end on record with what was derived, and return the result.
+    """Compare the recorded end with what was derived, and return the result.
 
     What fails is found in a `stage`. `unchecked` says of checks on the rest why they were not made.
     """

@@ -376,7 +376,7 @@ def named(message: ModuleMessage | Report) -> str:
 def check_complete(found: Transcript, fail: Fail, last: str, *, cut_off: bool) -> None:
     """Check that there is a summary, and as many cubes as it counts.
 
-    `last` is the last round or level on record.
+    `last` is the last round or level in the recording.
     """
     summary = found.summary
     if summary is None:

@@ -422,7 +422,7 @@ class Scene:
     """A system with the start of its modules and, if they have one, their goal.
 
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
-    None; `goals` lists what each module knows of it from birth (for vehicles one vertex, for a
+    None; `goals` lists what each module knows of it from the start (for vehicles one vertex, for a
     chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it.
 
     >>> scene = scene_from_spec("hex:n=3")

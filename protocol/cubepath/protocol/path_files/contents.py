@@ -101,7 +101,7 @@ class _Reading:
     """What was read so far: texts, what their sites are, and the actions that they stand for."""
 
     def __init__(self, size: int) -> None:
-        """Begin to read so many bytes."""
+        """Begin to read this many bytes."""
         # Asked for at once: a large file is for compiled code from its first piece on.
         self._scan = scanning.scan.for_work(size * _STEPS_A_BYTE, by_entries=True)
         self._texts = Texts(
@@ -287,7 +287,7 @@ def _longer(array: NDArray[_Entry], size: int) -> NDArray[_Entry]:
 
 
 def _hashed(slots: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return a hash table that so many numbers do not fill to a half."""
+    """Return a hash table that this many numbers do not fill to a half."""
     if 2 * size < len(slots):
         return slots
     found = np.zeros(1 << (4 * size).bit_length(), dtype=np.int64)

@@ -65,7 +65,7 @@ class OptimalityProof:
     in `moves` and `sites` as numbers. `variables` has a row (kind, index, time) for each variable
     of the clauses, int32, the first of which is variable 1. `log` is a binary DRAT log, in pieces
     of any length; it is read once by `write_proof`. What was read from a file can be read again.
-    Where the windows alone refute so many rounds there are no variables, ladders, groups and log.
+    Where the windows alone refute this many rounds there are no variables, ladders, groups and log.
     """
 
     system: str | None

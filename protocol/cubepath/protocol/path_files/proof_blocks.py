@@ -53,7 +53,7 @@ class BlockWriter:
         self.block(name, _json(content))
 
     def variables(self, rows: NDArray[np.int32], width: int) -> None:
-        """Write what variables mean: so many little-endian int32 for each."""
+        """Write what variables mean: this many little-endian int32 for each."""
         found = np.ascontiguousarray(rows, dtype="<i4").reshape(-1, width)
         self.block("variables", found.tobytes())
 
@@ -136,7 +136,7 @@ class BlockReader:
             raise self.error(str(error)) from None
 
     def json(self, name: str, kind: type[_Type], keys: int = 0) -> _Type:
-        """Return what the next block holds; an object with so many keys, if it is one."""
+        """Return what the next block holds; an object with this many keys, if it is one."""
         content = self.block(name)
         found = self.decode(kind, content)
         if keys:

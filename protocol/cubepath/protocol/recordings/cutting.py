@@ -175,8 +175,8 @@ def filter_recording(
     `topics` and `exclude` are patterns of topics or kinds, `first` and `until` log times, both
     included. Scene, schedule and parameters are those of the recording; if something was left out,
     the parameters `filtered` and `whole_messages` say so. InputError if the source is damaged, if a
-    pattern of `topics` matches nothing on record, if nothing is left, or if `out` exists or cannot
-    be written.
+    pattern of `topics` matches nothing in the recording, if nothing is left, or if `out` exists or
+    cannot be written.
 
     >>> filter_recording("logs/golden/hex-5.mcap", "reports.mcap", topics=["reports"], until=10)
     20
@@ -209,11 +209,11 @@ def split_recording(
 ) -> tuple[Path, ...]:
     """Split a recording into files of a folder, ``NAME-000.mcap`` and so on; return their paths.
 
-    Each has a stretch of the messages, in order: `parts` of about the same number of messages;
-    or so many `rounds` (or levels) each; or `seconds` of the wall clock; or at most `size` bytes
-    as files. Exactly one of these is given. Each part says in its parameters which it is.
-    InputError if the source is damaged, if there would be more than 1000 parts, or if a file
-    exists or cannot be written; then no part is left behind.
+    Each has a stretch of the messages, in order: `parts` of about the same number of messages; or
+    this many `rounds` (or levels) each; or `seconds` of the wall clock; or at most `size` bytes as
+    files. Exactly one of these is given. Each part says in its parameters which it is. InputError
+    if the source is damaged, if there would be more than 1000 parts, or if a file exists or cannot
+    be written; then no part is left behind.
 
     >>> [path.name for path in split_recording("logs/golden/hex-5.mcap", "parts", rounds=10)]
     ['hex-5-000.mcap', 'hex-5-001.mcap', 'hex-5-002.mcap']

@@ -120,7 +120,7 @@ _PATTERN = re.compile(
     re.DOTALL,
 )
 _SEEN = 48
-"""So many bytes a pattern looks at, and some."""
+"""This many bytes a pattern looks at, and some."""
 
 
 def plausible(opcode: int) -> bool:

@@ -158,7 +158,7 @@ class Recording:
         - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the
           attempt: who claims;
         - ``site``, ``generator``, ``at``, objects: where it stands, and the move that it claims;
-        - ``outcome``, object: "granted", "lost", or "" if that is not on record;
+        - ``outcome``, object: "granted", "lost", or "" if that is not recorded;
         - ``wall_ns``, int64: the publish time of the claim.
 
         They are in order of rounds and then of modules, or without rounds of modules, epochs and
@@ -202,7 +202,7 @@ class Recording:
         return [chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
 
     def topics(self) -> frozenset[str]:
-        """Return the topics on record, at no cost if the file says of all channels what they are.
+        """Return the recorded topics, at no cost if the file says of all channels what they are.
 
         >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
         ['bundle/process_0', 'bundle/process_1']

@@ -220,7 +220,7 @@ class _Scan:
         return is_mark and end is not None and offset + size != end.summary_start
 
     def _lost(self, offset: int) -> int | None:
-        """Return where to go on after a record that is damaged; None if nowhere."""
+        """Return where to continue after a record that is damaged; None if nowhere."""
         if self._end is not None:
             found = self._end.after(offset)
         else:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""
 CHUNK_BYTES = 1 << 18
-"""And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
+"""And this many bytes, if they come first; four times as many save 2%, and damage costs more."""
 _CHANNEL_BYTES = 64
 """More than a channel or schema takes beside its texts; both stand in the summary once more."""
 _COUNTS_BYTES = 1 << 13
@@ -202,7 +202,7 @@ class RecordingWriter:
         return now >= self._due
 
     def has(self, size: int) -> bool:
-        """Return whether the file has so many bytes; what waits is written if it may decide."""
+        """Return whether the file has this many bytes; what waits is written if it may decide."""
         if self._writer.written + self._writer.size >= size:
             self.flush()
         return self._writer.written >= size

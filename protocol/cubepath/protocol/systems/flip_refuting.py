@@ -13,8 +13,8 @@ bound by crossings leave open. Then rules remove marks until nothing changes:
 
 Proof of soundness: by induction no rule removes a mark that a path between the ends needs, since
 each says what holds along every path. So if an edge may be neither on nor off at some moment, there
-is no path of so many rounds; nor of fewer, since rounds may be empty. This is unit propagation, as
-in a solver for satisfiability, on the formula that says that there is a path.
+is no path of this many rounds; nor of fewer, since rounds may be empty. This is unit propagation,
+as in a solver for satisfiability, on the formula that says that there is a path.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ from cubepath.protocol.systems.flip_greedy import (
 from cubepath.protocol.systems.point_sets import Edge
 
 _ROOM = 8
-"""Room for so many times as many flips as there were, or as there are edges."""
+"""Room for this many times as many flips as there were, or as there are edges."""
 _BACK = 0.5
 """The share of parts that are solved from their end."""
 

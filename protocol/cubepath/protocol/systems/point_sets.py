@@ -100,7 +100,7 @@ class PointSet:
         return bits_of(turns > 0), bits_of(turns < 0)
 
     def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
-        """Return the points in the bounding box of `corners`, grown by so many sides."""
+        """Return the points in the bounding box of `corners`, grown by this many sides."""
         x, y = self._x[list(corners)], self._y[list(corners)]
         by = grown * max(x.max() - x.min(), y.max() - y.min())
         first = np.searchsorted(self._columns, x.min() - by, "left")

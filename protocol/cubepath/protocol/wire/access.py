@@ -40,7 +40,7 @@ _TOLD = ("put", "delete", "query", "reply", "declare_queryable", "liveliness_tok
 def access_list(
     processes: int, by: Literal["usernames", "cert_common_names"], keepers: int = 0
 ) -> Mapping[str, Any]:
-    """Return zenoh's `access_control` for so many processes, known by password or certificate."""
+    """Return zenoh's `access_control` for this many processes, known by password or certificate."""
     rules = [
         _rule("listen", _LISTENING, ("ingress", "egress"), ["**"]),
         _rule("hear", _TOLD, ("egress",), ["**"]),

@@ -35,9 +35,9 @@ def make_certificates(
     """Write the certificates of a fleet to a new folder; return their names.
 
     A ``.crt`` and a ``.key`` file each for the authority, the router at these hosts (names or IP
-    addresses) and at `HOSTS`, the coordinator, so many processes and a guest. Keys have mode 0600,
-    the folder 0700. InputError if the folder exists and is not empty, if an argument is out of its
-    bounds, or if the library `cryptography` is not installed.
+    addresses) and at `HOSTS`, the coordinator, this many processes and a guest. Keys have mode
+    0600, the folder 0700. InputError if the folder exists and is not empty, if an argument is out
+    of its bounds, or if the library `cryptography` is not installed.
     """
     if find_spec("cryptography") is None:
         raise InputError(

@@ -57,10 +57,10 @@ _NAME = re.compile(r"-?[0-9]+(,-?[0-9]+)?")
 
 
 class Tiles:
-    """The tiles of a system, dealt to so many keepers."""
+    """The tiles of a system, dealt to this many keepers."""
 
     keepers_max: ClassVar[int] = 256
-    """A run has at most so many."""
+    """A run has at most this many."""
 
     def __init__(self, system: System, keepers: int) -> None:
         """Deal tiles to keepers by their names, evenly and at random, the same everywhere."""

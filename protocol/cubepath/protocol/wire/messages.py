@@ -137,7 +137,7 @@ class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag=
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
     """All modules go back to their start, with another seed; processes answer `ready` to join.
 
-    The rounds of the wire go on counting from `round`; ranks and rules count from 1 again.
+    The rounds of the wire continue counting from `round`; ranks and rules count from 1 again.
     """
 
     round: Count
@@ -226,10 +226,10 @@ Reason: TypeAlias = Literal[
 
 
 class Refused(msgspec.Struct, frozen=True, tag_field="kind", tag="refused"):
-    """Messages that the coordinator refused in a round; they had no effect and are not on record.
+    """Messages that the coordinator refused in a round; they had no effect and are not recorded.
 
     `key` is what followed the run in the key of the first of them, and `sender` the sender that it
-    names. Of those in a round with the same sender and reason the first is on record at once, with
+    names. Of those in a round with the same sender and reason the first is recorded at once, with
     how it begins in `sample`; how many more there were stands in the `count` of a second message.
     """
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 M = TypeVar("M")
-"""The kinds of messages that a node puts on record."""
+"""The kinds of messages that a node puts in the recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,14 @@ class Ignore:
 
 @dataclass(frozen=True, slots=True)
 class Timer:
-    """Tick once after so many seconds, instead of at the time set before; None: do not tick."""
+    """Tick once after this many seconds, instead of at the time set before; None: do not tick."""
 
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Keep(Generic[M]):
-    """A message, put or received, that belongs on record; each comes once."""
+    """A message, put or received, that belongs in the recording; each comes once."""
 
     data: bytes
     message: M

@@ -82,7 +82,7 @@ class Router:
 
         Over ``tcp`` it lets everyone in and lets them say everything. Over ``tls`` it takes a
         certificate of the authority in the folder `secure`, and each speaks on its own keys.
-        Private, it knows the coordinator, so many processes and keepers, and guests, who only
+        Private, it knows the coordinator, this many processes and keepers, and guests, who only
         listen.
 
         Raises InputError if the endpoint is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``, its

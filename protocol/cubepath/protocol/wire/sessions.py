@@ -69,8 +69,8 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
 def check_descriptors(processes: int = 0, files: int = 0) -> None:
     """Check that there are enough file descriptors; CubepathError says how many it takes.
 
-    They are for a router, two clients, a client in each of `processes` other processes, and so many
-    files. Without them zenoh would panic.
+    They are for a router, two clients, a client in each of `processes` other processes, and this
+    many files. Without them zenoh would panic.
     """
     needed = _FOR_SESSIONS + _FOR_A_PROCESS * processes + files
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -146,7 +146,7 @@ def reachable(endpoint: str) -> str:
 
 
 def is_reachable(endpoint: str, patience_s: float) -> bool:
-    """Return whether something takes connections at ``tcp/`` or ``tls/`` within so many seconds.
+    """Return whether something takes connections at ``tcp/`` or ``tls/`` within this many seconds.
 
     A router that stands still counts: the system takes them for it.
     """
@@ -176,10 +176,10 @@ def open_client(
 ) -> zenoh.Session:
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
-    It is tried for so many seconds: a router that has died may be on its way back. None is as long
-    as the parts of a run try: 10 s, and a minute if the router is there and stands still. Without
-    `credentials` the session may listen at a private router, and publish nothing. InputError if the
-    endpoint takes a certificate and there is none.
+    It is tried for this many seconds: a router that has died may be on its way back. None is as
+    long as the parts of a run try: 10 s, and a minute if the router is there and stands still.
+    Without `credentials` the session may listen at a private router, and publish nothing.
+    InputError if the endpoint takes a certificate and there is none.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [],

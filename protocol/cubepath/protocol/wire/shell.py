@@ -80,7 +80,7 @@ class Shell:
     ) -> None:
         """Open a session with the credentials of who the node speaks for.
 
-        `keep` receives what belongs on record, and the wall time in ns.
+        `keep` receives what belongs in the recording, and the wall time in ns.
         """
         self._node = node
         self._keep = keep

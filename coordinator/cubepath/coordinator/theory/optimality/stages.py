@@ -43,13 +43,13 @@ Between = Callable[[int, int], object]
 _SHARES = {"classes": 0.1, "bounds": 0.2, "windows": 0.2, "optimum": 0.25, "proof": 1.0}
 """Shares of the time that these stages may take; the search gets the rest, a proof its own time."""
 _BOUND_STEPS = 20_000_000
-"""Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
+"""Without a time limit, the bounds may look at this many sites on the way of modules, and pairs."""
 _WINDOW_STEPS = 1_000_000
-"""Without a time limit, the windows may look at so many sites and moves."""
+"""Without a time limit, the windows may look at this many sites and moves."""
 _LISTED_MAX = 20_000
-"""Clauses are made of so many listed moves at most: where they are more, they are not built."""
+"""Clauses are made of this many listed moves at most: where they are more, they are not built."""
 _SETS_A_STATE = 40
-"""Without a time limit, the exhaustive search may look at so many sets of moves per state."""
+"""Without a time limit, the exhaustive search may look at this many sets of moves per state."""
 
 
 class OptimalityStages:
@@ -93,7 +93,7 @@ class OptimalityStages:
         """What two solvers agree on and nobody can check: no path has fewer cubes."""
 
     def share(self, seconds: float, before: float) -> None:
-        """Take so many seconds for all stages, a share `before` of them for those before a proof.
+        """Take this many seconds for all stages, a share `before` of them for those before a proof.
 
         The proof gets what they leave. Where clauses cannot be built, they get all.
         """

@@ -164,7 +164,7 @@ class Refuter:
         return None
 
     def _make_room(self, size: int) -> None:
-        """Make room for all clauses that so many bytes could hold."""
+        """Make room for all clauses that this many bytes could hold."""
         pool = self._state.pool
         need = int(self._state.numbers[_POOL]) + 3 * size + 16
         if need > len(pool):

@@ -161,7 +161,7 @@ class SolverProcess:
             raise self._ended() from error
 
     def answer(self, seconds: float | None) -> SolverAnswer | None:
-        """Return the answer, None if there is none within so many seconds (None: however long).
+        """Return the answer, None if there is none within this many seconds (None: however long).
 
         After None the solver works on: ask again, or `end` it. SolverError if the process ended, or
         nothing was asked.

@@ -43,7 +43,7 @@ _SITES_MAX = 4096
 _OWN = 0.8
 """Where a system has its own search, the share of steps that it gets."""
 _WORK_MAX = 200_000
-"""Then windows are tried only for paths with at most so many moves times sites that are on."""
+"""Then windows are tried only for paths with at most this many moves times sites that are on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improvement:
 class _Proposal(NamedTuple):
     """A path proposed by a search: the number of its cubes and moves, and how to build it.
 
-    The search may go on meanwhile: what is built is its best path by then.
+    The search may continue meanwhile: what is built is its best path by then.
     """
 
     cost: tuple[int, int]

@@ -91,7 +91,7 @@ def _ended(recording: Recording) -> str:
 
 
 def parent_notes(a: Recording, b: Recording) -> Iterator[str]:
-    """Yield in words how one run goes on from the other, or both from a third."""
+    """Yield in words how one run continues from the other, or both from a third."""
     parents = [each.parameters.get("parent_sha256") for each in (a, b)]
     runs = (a, b)
     for side, parent in enumerate(parents):
@@ -313,7 +313,7 @@ def _lockstep(
         message = _results(readings)
     found = message, parting.outcome, parting.move
     differs = bool(parting.choices) or any(each is not None for each in found)
-    # What is on record in one run and was not compared is no difference, and may have been one.
+    # What is recorded in one run and was not compared is no difference, and may have been one.
     gaps = any(side_by_side.gaps(side) for side in (0, 1))
     missing = gaps or any(parting.lacking)
     late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
@@ -421,7 +421,7 @@ def _odd(reading: Reading) -> Iterator[str]:
 
 
 def _beginning(readings: tuple[Reading, Reading], parting: FoundDifferences) -> str | None:
-    """Return the run after whose last round the other goes on, if nothing of it was lost then."""
+    """Return the run after whose last round the other continues, if nothing of it was lost then."""
     if not any(parting.only):
         return None
     side = 0 if parting.only[1] else 1

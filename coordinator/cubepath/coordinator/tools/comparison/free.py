@@ -162,7 +162,7 @@ def _other(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> list[_
     """Return the commits that differ and depend on none that does, by level and module.
 
     With each comes the commit of the same module and number in the other run, if there is one. What
-    a run lacks that has not all its commits on record is no difference.
+    a run lacks that has not all its commits in the recording is no difference.
     """
     one, two = (run.commits for run in runs)
     found: dict[CommitId, _Pair] = {}
@@ -307,7 +307,7 @@ class _Trail:
     shown: ShownInTurn | None
     """What it was shown in the last of them."""
     chosen: _Chosen
-    """What is on record that it chose then."""
+    """What is recorded that it chose then."""
     played: list[ReplayedChoice | None]
     refused: str | None
     """Why rules could not be asked."""
@@ -341,7 +341,7 @@ def explain_commit(
 
 
 def _follow(run: CommitGraph, commit: CommitNode, ways: Sequence[RuleSource]) -> _Trail | None:
-    """Follow a module up to the turn of a commit; None if that is not on record."""
+    """Follow a module up to the turn of a commit; None if that is not recorded."""
     scene, moved = run.recording.scene, commit.moved
     observing = Observing(scene)
     inputs: list[object] = []

@@ -75,13 +75,13 @@ class CommitGraph:
         self.cut = cut_text(recording)
         """What it was cut from, in words; None if it was not cut."""
         self.missing = 0
-        """How many commits are not on record, by their numbers."""
+        """How many commits are not recorded, by their numbers."""
         self._odd: list[tuple[str, str]] = []
         self.summary: Summary | None = None
         self.turns: dict[int, dict[tuple[int, int], Turn]] = {}
         """By module, then by epoch and turn."""
         self.loose = 0
-        """How many commits follow on some that are not on record."""
+        """How many commits follow on some that are not recorded."""
         self._entered: dict[tuple[int, int], Site] = {}
         self._commits: dict[int, dict[int, Commit]] = {}
         self._read()
@@ -153,7 +153,7 @@ class CommitGraph:
     def _linked(self) -> dict[CommitId, CommitNode]:
         """Return all commits in an order in which they can have happened.
 
-        Those that follow on others which are not on record are left out, and counted: which of its
+        Those that follow on others which are not recorded are left out, and counted: which of its
         module's commits such a one is, nobody knows.
         """
         history = self.history
@@ -211,7 +211,7 @@ class CommitGraph:
             epoch = turn.epoch
 
     def shown(self, turn: Turn) -> ShownInTurn | None:
-        """Return what a rule was shown in a turn, None if its versions are not on record."""
+        """Return what a rule was shown in a turn, None if its versions are not recorded."""
         history, system = self.history, self.history.system
         site = site_in(turn.site)
         standing = history.module(turn.module, turn.version)
@@ -272,7 +272,7 @@ class _Links:
     def before(self, name: int, moved: Commit) -> set[int] | None:
         """Return what a commit depends on, and take note of what it does.
 
-        None if it finds a version that nobody on record wrote.
+        None if it finds a version that nobody in the recording wrote.
         """
         finds: list[tuple[object, int]] = []
         found: set[int] = set()

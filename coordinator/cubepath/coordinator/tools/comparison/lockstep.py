@@ -45,7 +45,7 @@ class ComparisonScope:
 
 @dataclass(frozen=True)
 class ClaimOutcomes:
-    """A claim with another result: what is on record of its round in both runs."""
+    """A claim with another result: what is recorded of its round in both runs."""
 
     round: int
     module: int
@@ -71,7 +71,7 @@ class FoundDifferences:
     compared: list[Span] = field(default_factory=list)
     """The rounds that were compared."""
     only: tuple[int, int] = (0, 0)
-    """How many rounds each run has on record after the last that the other has."""
+    """How many rounds each run has in the recording after the last that the other has."""
     lacking: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
     """Kinds of messages that are missing in a run which has not all, and so were not compared."""
     present: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
@@ -386,7 +386,7 @@ def note_of(this: RecordedRound, module: int) -> tuple[int, ...] | None:
 
 
 def _claim_is_lost(this: RecordedRound, module: int) -> bool:
-    """Return whether a module claimed what is not on record, and did not come to do it."""
+    """Return whether a module claimed what is not recorded, and did not come to do it."""
     report = this.reports[module]
     return ("claim", module) not in this.said and report.claim != "none" and report.move is None
 

@@ -43,7 +43,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode
 
 ODD_MAX = 3
-"""So many lines on what is odd with a recording are kept."""
+"""This many lines on what is odd with a recording are kept."""
 
 
 class Contradiction(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -79,7 +79,7 @@ class Reading:
         self.odd: list[str] = []
         """What is odd, without anything being derived: the first lines."""
         self.cut_off: str | None = None
-        """Why the end of the run is not on record, None if it is."""
+        """Why the end of the run is not recorded, None if it is."""
         self._in_order = in_order
         self._sorting = Sorting(recording, self._fail, first=self.first, gaps=True)
 
@@ -168,8 +168,8 @@ def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - 
 def moments(reading: Reading) -> Iterator[Moment]:
     """Yield each whole round as derived from the moves before it, back to the last gap.
 
-    Contradiction where a move on record is none from where its module stands, or a module says that
-    it stands elsewhere.
+    Contradiction where a move in the recording is none from where its module stands, or a module
+    says that it stands elsewhere.
     """
     scene = reading.recording.scene
     sites = list(scene.start)

@@ -262,7 +262,7 @@ def _drawn_by_numpy(
 
 
 class ChoiceOnRecord(NamedTuple):
-    """What a module chose, as it is on record; of the note it is not always known."""
+    """What a module chose, as it is recorded; of the note it is not always known."""
 
     action: tuple[str, Site | None] | None
     failed: str | None

@@ -21,7 +21,7 @@ Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "re
 
 Where both rules could be asked again, ``rule``, ``seed``, ``hesitate`` or ``inputs`` is what makes
 the module of `a` choose as that of `b` did, when it alone is exchanged; ``together`` if only all
-that differs does. ``record``: a choice on record is not what the installed rule chooses.
+that differs does. ``record``: a choice in the recording is not what the installed rule chooses.
 ``unknown``: nothing that is known tells why.
 """
 
@@ -185,7 +185,7 @@ class RunComparison:
     rounds: tuple[tuple[int, int, int, int], ...] = ()
     """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
     beginning: str | None = None
-    """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
+    """The run, "a" or "b", that is the beginning of the other: that continues where it ends."""
     limited: bool = False
     """Whether this is a part of the runs: rounds were asked for, or both begin later, or the end of
     one is not on record."""
@@ -212,7 +212,7 @@ _COLUMN = 38
 _NAME = 15
 """The width of the names."""
 _ROUNDS_MAX = 8
-"""So many rounds with other moves are shown."""
+"""This many rounds with other moves are shown."""
 _LINE = 100
 _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
 """The number of characters of a parameter that are shown."""

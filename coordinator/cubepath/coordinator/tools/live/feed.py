@@ -73,7 +73,7 @@ class ClaimListener:
     """The claims and deliveries of a run, by the steps of a page, which count from 1."""
 
     def __init__(self, world: NumberedWorld, *, free: bool, before: int = 0) -> None:
-        """Begin with nothing heard; so many rounds lie before the first step of the page."""
+        """Begin with nothing heard; this many rounds lie before the first step of the page."""
         self._world = world
         self._count = len(world.scene.start)
         self._free = free
@@ -134,7 +134,7 @@ class ClaimListener:
         self._came((moved.module, moved.epoch, moved.number), "granted")
 
     def told(self, steps: int) -> dict[str, Any] | None:
-        """Return what is new of the first so many steps; None if nothing is.
+        """Return what is new of the first this many steps; None if nothing is.
 
         Each list of ``claims`` and of ``heard`` is that of a whole step, three numbers for each
         entry. With more deliveries than a page holds there are none, and ``left_out`` has their
@@ -302,7 +302,7 @@ Steps = Sequence[tuple[Action, ...]]
 SAID_MAX = 1_000_000
 _EVENT_S = 0.05
 _SHARE = 10
-"""At least so many times as long as it took to make something, nothing is made again."""
+"""At least this many times as long as it took to make something, nothing is made again."""
 
 
 @dataclass(slots=True)
@@ -329,7 +329,7 @@ class Feed:
         facts: Sequence[tuple[str, str]] = (),
         before: int = 0,
     ) -> None:
-        """Begin at the start of the scene, where so many rounds lay before it already."""
+        """Begin at the start of the scene, where this many rounds lay before it already."""
         self._world = GrowingWorld(scene)
         self._hearing = ClaimListener(self._world.world, free=step_name == "level", before=before)
         space = self._space = plugin("state_space")(scene)
@@ -407,9 +407,9 @@ class Feed:
     # For who watches.
 
     def next(self, place: FeedPosition, timeout_s: float) -> list[bytes] | None:
-        """Return what is new since a place, which goes on; None if there will be no more.
+        """Return what is new since a place, which continues; None if there will be no more.
 
-        Waits so many seconds at most, and returns nothing then.
+        Waits this many seconds at most, and returns nothing then.
         """
         with self._news:
             self._news.wait_for(lambda: self._closed or self._is_new(place), timeout_s)

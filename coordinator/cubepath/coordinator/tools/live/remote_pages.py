@@ -104,11 +104,11 @@ _SAID_FREE = ("requests", "forwards", "replies", "commit", "commits")
 _ASK_S = 0.1
 _ASKED_S_MAX = 2.0
 _SHARE = 10
-"""At least so many times as long as asking took, nothing is asked again."""
+"""At least this many times as long as asking took, nothing is asked again."""
 _QUIET_S = 1.0
 """A run whose token has gone, and of which nothing more comes for so long, has ended."""
 _WAITING_MAX = 100_000
-"""So many steps wait at most to be looked at; who falls behind more has missed some."""
+"""At most this many steps wait to be looked at; who falls behind more has missed some."""
 
 
 class RemoteRunPage:
@@ -125,7 +125,7 @@ class RemoteRunPage:
     ) -> None:
         """Attach to the run, and serve the page; the errors are those of `watch_run`."""
         self.ended: str | None = None
-        """How the run has ended, or why it is watched no more; None while it goes on."""
+        """How the run has ended, or why it is watched no more; None while it continues."""
         self.error: str | None = None
         """What went wrong, in a line, if anything did."""
         self.run: str

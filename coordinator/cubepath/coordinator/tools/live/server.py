@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
 CLIENTS_MAX = 32
-"""So many connections at one time; later ones are told to try again."""
+"""This many connections at one time; later ones are told to try again."""
 BODY_MAX = 1024
 """Bytes of an order; http.server bounds the rest of a request."""
 ASKING_S_MAX = 10.0
@@ -79,7 +79,7 @@ class Server(ThreadingHTTPServer):
             return len(self._clients)
 
     def leave(self, wait_s: float = _LEAVE_S) -> None:
-        """End, once those who watch have been told all, or after so many seconds at most."""
+        """End, once those who watch have been told all, or after this many seconds at most."""
         until = time.monotonic() + wait_s
         while self.clients and time.monotonic() < until:
             time.sleep(_LOOK_S)

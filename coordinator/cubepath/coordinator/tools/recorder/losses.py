@@ -39,12 +39,12 @@ class ReceivedMessage(NamedTuple):
 
 
 class Backlog:
-    """What came on a key expression and was not taken yet, of so many bytes at most."""
+    """What came on a key expression and was not taken yet, of this many bytes at most."""
 
     def __init__(self, session: zenoh.Session, key: str, bytes_max: int) -> None:
         """Listen from now on."""
         self.most = max(_QUEUE_MIN, min(bytes_max // _QUEUED_BYTES, _QUEUE_MAX))
-        """So many messages wait at most."""
+        """At most this many messages wait."""
         queue: Any = zenoh.handlers.FifoChannel(self.most)
         self._subscriber = session.declare_subscriber(key, queue)
 
@@ -107,7 +107,7 @@ class RecordedMessage(NamedTuple):
 
 
 class RecentMessages:
-    """What came in the last seconds, and takes no more than so many bytes."""
+    """What came in the last seconds, and takes no more than this many bytes."""
 
     def __init__(self, seconds: float, bytes_max: int) -> None:
         """Begin empty."""
@@ -141,7 +141,7 @@ class RecentMessages:
 
 
 _MISSING_MAX = 100_000
-"""So many missing numbers of a sender are remembered; more are counted, and never come."""
+"""This many missing numbers of a sender are remembered; more are counted, and never come."""
 _PHASES_MAX = 64
 
 

@@ -247,7 +247,7 @@ class Recorder:
         self._begins = False
 
     def _end(self) -> str | None:
-        """Return why the recorder has to end, None if it goes on."""
+        """Return why the recorder has to end, None if it continues."""
         if self._leaving.is_set():
             return "stopped"
         now = time.monotonic()
@@ -409,12 +409,12 @@ def record(
 ) -> Recorder:
     """Attach to a live run and record it from outside, as ``cubepath log record --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
-    are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there are
+    several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
     `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
     `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
-    written but the last seconds, when `Recorder.snapshot` asks for them. So many megabytes wait to
-    be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
+    written but the last seconds, when `Recorder.snapshot` asks for them. This many megabytes wait
+    to be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
 
     InputError for bad options, CheckError if no run answers within `patience_s` seconds,
     CubepathError if there is no router at the endpoint.

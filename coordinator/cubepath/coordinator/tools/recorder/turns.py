@@ -108,7 +108,7 @@ class MessageOrder:
         from_start: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin before the first `go` of a run of so many processes, or anywhere in a run.
+        """Begin before the first `go` of a run of this many processes, or anywhere in a run.
 
         In the middle of a run messages pass as they come until a phase begins. Those of a run
         without rounds (None) tell by versions what they follow from, and pass.
