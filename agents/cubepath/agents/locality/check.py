@@ -190,7 +190,7 @@ def told(spec: str, found: Difference, how: str, clock: str) -> str:
 
 
 _HASH_SEEDS = 4
-"""This many servers, each with its own hash seed; most plays use the first."""
+"""The number of servers, each with its own hash seed; most plays use the first."""
 _WATCHED = 6
 """This many modules of a scene are played again on their own, spread over their numbers."""
 _HESITATE = 0.2

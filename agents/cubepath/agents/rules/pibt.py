@@ -67,7 +67,7 @@ goals under the conditions of `pibt`, also when they hesitate or see late, and n
 time.
 
 Failure. A vehicle gives up, in one line, when it has made more than `patience` moves or given up
-this many pushes in its life, or at once if there is no way to its goal. In a run that does not end
+that many pushes in its life, or at once if there is no way to its goal. In a run that does not end
 the strongest vehicle moves, or gives way, again and again; so somebody gives up. A vehicle that is
 started again has forgotten alone which ways it had found full.
 """

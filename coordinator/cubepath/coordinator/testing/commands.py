@@ -28,7 +28,7 @@ _END_S_MAX = 10.0
 _LINES_SHOWN = 10
 _STDERR_MAX = 1 << 14
 LINES_MAX = 10_000
-"""This many lines that a command wrote last are kept, of each stream."""
+"""The number of last lines of a command that are kept, of each stream."""
 LINE_BYTES_MAX = 1 << 13
 """A longer line is kept as several."""
 

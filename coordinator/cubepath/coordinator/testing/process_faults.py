@@ -113,7 +113,8 @@ class ProcessFaults(Wire):
     def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> PlannedFault:
         """Have a process stand still, for some seconds, or until it is resumed.
 
-        With rounds nobody continues meanwhile: without `seconds` the next round waits in vain.
+        With rounds no other process continues meanwhile: without `seconds` the next round waits in
+        vain.
         """
         name = self.name_of(who)
         if seconds is not None:

@@ -26,7 +26,7 @@ Direction: TypeAlias = Literal["up", "down"]
 PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
 KEPT = 1000
-"""This many messages that it met last a rule remembers."""
+"""The number of last messages that a rule remembers."""
 COPIES_MAX = 1 << 18
 """Of this many messages that came last it remembers how often they came, where chance decides."""
 

@@ -106,7 +106,7 @@ class Joiners:
 
 TIMEOUT_S = 30.0
 HEARD_MAX = 5000
-"""This many messages that it heard last a run remembers for tests."""
+"""The number of last messages that a run remembers for tests."""
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
 _MENDED = "and was started again"

@@ -120,7 +120,7 @@ _PATTERN = re.compile(
     re.DOTALL,
 )
 _SEEN = 48
-"""This many bytes a pattern looks at, and some."""
+"""The most bytes that a pattern looks at, and some."""
 
 
 def plausible(opcode: int) -> bool:

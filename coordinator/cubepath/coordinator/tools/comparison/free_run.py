@@ -272,7 +272,7 @@ class _Links:
     def before(self, name: int, moved: Commit) -> set[int] | None:
         """Return what a commit depends on, and take note of what it does.
 
-        None if it finds a version that nobody in the recording wrote.
+        None if it finds a version that no recorded commit wrote.
         """
         finds: list[tuple[object, int]] = []
         found: set[int] = set()

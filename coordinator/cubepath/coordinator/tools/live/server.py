@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
 CLIENTS_MAX = 32
-"""This many connections at one time; later ones are told to try again."""
+"""The most connections at one time; later ones are told to try again."""
 BODY_MAX = 1024
 """Bytes of an order; http.server bounds the rest of a request."""
 ASKING_S_MAX = 10.0
