@@ -253,7 +253,7 @@ class FreeWorld:
         return decision
 
     def _change(self, place: Site, site: Site | None, note: Note) -> None:
-        """Take note of what is shown of a place from now on."""
+        """Note what is shown of a place from now on."""
         if self.lag:
             old = self._occupants.get(place), self._notes.get(place, ())
             past = self._past.setdefault(place, _Past([0], [old]))

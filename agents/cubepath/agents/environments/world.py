@@ -118,7 +118,7 @@ class World:
             self._occupants[place_of(site)] = site
 
     def spoken(self) -> list[Note]:
-        """Return the last note of each module, by number; zeros where a rule has said none."""
+        """Return the last note of each module, by number; zeros where a rule has sent none."""
         return [last.numbers for last in self._said]
 
     def _speak(self, notes: Mapping[int, Note]) -> None:

@@ -82,7 +82,7 @@ class FreeHostNode(Node):
         self._halts_s = float("inf")
         """Until when modules halt, if they do."""
         self._order: int | None = None
-        """The order to halt that it is to answer when its modules rest."""
+        """The order to halt that it must answer when its modules rest."""
         self._asks: list[Ask] = []
         self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
@@ -93,7 +93,7 @@ class FreeHostNode(Node):
         return [listen, *self._go_on()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; what is none has no effect but that it is counted."""
+        """Take a message; anything else has no effect except that it is counted."""
         message = read_free(self._config.run, key, data)
         match message:
             case TileUpdate():

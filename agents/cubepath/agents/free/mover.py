@@ -189,7 +189,7 @@ class Mover:
         return Actor(self._rule, knowledge, hesitate=self._hesitate, doubt=doubt, clock="free")
 
     def taken_to(self, site: Site, version: int) -> bool:
-        """Take note of where keepers show it; return whether that is news."""
+        """Note where keepers show it; return whether that is news."""
         if version <= self._version:
             return False
         self._version = version
@@ -364,7 +364,7 @@ class Mover:
         return self._ask_to_hold(now_s)
 
     def held(self, answer: Held, keeper: int, now_s: float) -> list[Ask]:
-        """Take note of what is held for it; return what it asks next."""
+        """Note what is held for it; return what it asks next."""
         if self.state != "holding" or keeper != self._holds[self._held][0]:
             return []
         if (answer.epoch, answer.number) != (self._epoch, self._hold_number):

@@ -218,7 +218,7 @@ class Keeper:
         )
 
     def tick(self) -> None:
-        """Take note that some time has gone by: ask what is due."""
+        """Note that some time has gone by: ask what is due."""
         for pending in self._prepared.values():
             pending.age += 1
             if pending.age >= pending.due:

@@ -56,7 +56,7 @@ class LastNote:
 
     numbers: NoteNumbers
     first_choice: int
-    """The round in which the rule chooses for the first time; until then it has said nothing."""
+    """The round in which the rule chooses for the first time; until then it has sent nothing."""
 
     def said_in(self, round_number: int) -> NoteNumbers | None:
         """Return what the module says at the beginning of a round; None if it says nothing."""
@@ -120,7 +120,7 @@ class ModuleCore:
     def follow(self, note_length: int, *, heard: bool = False) -> None:
         """Follow another rule, with notes of this length, from the next round on.
 
-        What the rule before noted last, of the same length, is still said if it is to be `heard`.
+        What the rule before noted last, of the same length, is still sent if it should be `heard`.
         """
         self._note_length = note_length
         if not heard:
@@ -146,7 +146,7 @@ class ModuleCore:
         return self._system.place_of(self.site)
 
     def sense(self, round_number: int) -> list[Part]:
-        """Begin a round: return the messages on where the module is and what its rule said last."""
+        """Begin a round: return the messages on where the module is and its rule's last note."""
         self.round = round_number
         self._phase = "sense"
         self._clear()

@@ -20,7 +20,7 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     process: int
     modules: list[int]
     processes: list[list[int]]
-    """The modules of every process: who speaks for whom."""
+    """The modules of every process: which process speaks for which module."""
     scene: str
     """The scene as TOML text: processes share no files."""
     rule: str

@@ -47,7 +47,7 @@ from cubepath.protocol.wire.shell import Shell
 _POLL_S = 0.1
 _STEP_S = 0.5
 _TAKE_S = 1.5
-"""An address is given so long to take a connection; a run may just be about to listen there."""
+"""How long an address may take to accept a connection; a run may just be about to listen there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def _check_there(liveness: Liveness, run: str) -> None:
 def _serve(
     session: zenoh.Session, orders: ProcessConfig, liveness: Liveness, patience_s: float
 ) -> None:
-    """Serve until the run stops, its coordinator is gone, or nothing is heard for so long."""
+    """Serve until the run stops, its coordinator is gone, or nothing arrives for this long."""
     begun = time.monotonic()
     heard: list[float] = []
 

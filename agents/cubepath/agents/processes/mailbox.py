@@ -19,7 +19,7 @@ from cubepath.protocol.wire.nodes import Put
 
 
 class Inbox:
-    """What other processes said, each message once."""
+    """The messages of other processes, each once."""
 
     def __init__(self) -> None:
         self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], HeardMessage]] = {}
@@ -56,7 +56,7 @@ class Inbox:
 
 
 class Outbox:
-    """What the modules of a process have said in a round."""
+    """The messages of a process's modules in a round."""
 
     def __init__(self, system: System, run: str, process: int, round_number: int) -> None:
         self._system = system
@@ -66,7 +66,7 @@ class Outbox:
         self.begin(round_number)
 
     def begin(self, round_number: int) -> None:
-        """Begin a round, in which nothing has been said yet."""
+        """Begin a round, in which nothing has been sent yet."""
         self._round = round_number
         self._said: dict[str, dict[str, list[Put]]] = {}
 

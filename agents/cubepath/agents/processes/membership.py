@@ -25,7 +25,7 @@ from cubepath.protocol.wire.messages import Count, Name
 from cubepath.protocol.wire.sessions import routers_of, watch
 
 GONE_S = 1.0
-"""A token that is not there for so long has gone, at a router that is there."""
+"""A token that is absent for this long, at a router that answers, has gone."""
 SETTLE_S = 10.0
 """Within this time sessions find a router that came back, and declare their tokens again."""
 
@@ -49,7 +49,7 @@ class Liveness:
         self._subscriber = watch(session, key, lambda *change: self._changes.put(change))
 
     def _look(self) -> float:
-        """Take note of what has changed; return the time."""
+        """Note what has changed; return the time."""
         now = time.monotonic()
         while not self._changes.empty():
             key, alive = self._changes.get_nowait()

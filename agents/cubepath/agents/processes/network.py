@@ -34,7 +34,7 @@ def straight(_name: str, endpoint: str, credentials: Credentials) -> tuple[str, 
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """A private router, unless told otherwise."""
+    """A private router by default."""
 
     listen: str | None = None
     """Where the router of the run listens, ``tcp/HOST:PORT`` or ``tls/HOST:PORT``."""

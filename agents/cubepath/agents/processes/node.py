@@ -52,7 +52,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
-"""So often a process repeats in a round what another asks for again; a flood ends there."""
+"""How often a process retransmits for another in a round; a flood ends there."""
 
 
 class HostNode:

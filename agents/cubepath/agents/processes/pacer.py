@@ -293,7 +293,7 @@ class Pacer:
         return self._pass(message.process)
 
     def _pass(self, process: int) -> list[Effect]:
-        """Let a process be through if it is, and if what it said is all that was due."""
+        """Let a process be through if it is, and if it sent everything that was due."""
         if process in self._false | self._through or not self._is_through(process):
             return []
         self._through.add(process)
@@ -317,7 +317,7 @@ class Pacer:
         return self._refusals.add(self.round, key, self._answers[process], error)
 
     def _is_through(self, process: int) -> bool:
-        """Return whether a process has answered, and all that it said has arrived."""
+        """Return whether a process has answered, and all its messages have arrived."""
         ready = self._ready.get(process)
         if ready is None:
             return False

@@ -101,7 +101,7 @@ class RemoteProcesses:
                 self._answer(joiner)
 
     def look(self, timeout_s: float = 0.0) -> None:
-        """Take the questions that have come, waiting so long for the first."""
+        """Take the questions that have come, waiting this long for the first."""
         try:
             query = self._queue.get(timeout=timeout_s) if timeout_s else self._queue.get_nowait()
             self._take(query)

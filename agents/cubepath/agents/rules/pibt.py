@@ -157,7 +157,7 @@ class _OnRoads:
 
 class _FreeVehicle(_OnRoads):
     def __init__(self, knowledge: InitialKnowledge) -> None:
-        """Take note of what it knows; its only goal is its own vertex."""
+        """Note what it knows; its only goal is its own vertex."""
         super().__init__(knowledge)
         self._given_up: dict[int, None] = {}
         """Full ways."""
@@ -322,7 +322,7 @@ class PushNote(NamedTuple):
 
 class _Vehicle(_OnRoads):
     def __init__(self, knowledge: InitialKnowledge) -> None:
-        """Take note of what it knows; its only goal is its own vertex."""
+        """Note what it knows; its only goal is its own vertex."""
         super().__init__(knowledge)
         self._round = 0
         self._at_goal = 0  # the last round there

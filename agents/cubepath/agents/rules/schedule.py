@@ -113,7 +113,7 @@ class RecordedChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ar
 
     move: GeneratorPlacement | None = None
     note: list[int] | None = None
-    """What it said at the beginning of the next round; None if that is not recorded."""
+    """Its note at the beginning of the next round; None if that is not recorded."""
     failed: str | None = None
 
 

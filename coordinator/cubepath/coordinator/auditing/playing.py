@@ -299,7 +299,7 @@ class RuleAudit:
             due = self._notes[module] if speaks and module in self._actors else None
             message = moment.said.said.get(("note", module))
             said = tuple(message.note) if isinstance(message, Note) else None
-            # What would go to no place is not said.
+            # A note that would reach no place is not sent.
             silent = said is None and not self._system.reach(self._system.place_of(site))
             if said != due and not silent and (module in self._actors or not speaks):
                 told, by_rule = (_listed(each) for each in (said, due))

@@ -153,7 +153,7 @@ class Keys:
         os.kill(os.getpid(), number)
 
     def pressed(self, timeout_s: float) -> list[str]:
-        """Return the keys that were pressed, after waiting for one so long."""
+        """Return the keys that were pressed, after waiting for one this long."""
         if self._gone:
             time.sleep(timeout_s)
             return []

@@ -154,7 +154,7 @@ class SweepFolder:
     def begin(
         self, batches: Iterable[RunBatch], timeout_s: float | None = None
     ) -> dict[str, str | None]:
-        """Take note that these are played now; return the recordings of finished runs by their ids.
+        """Note that these are played now; return the recordings of finished runs by their ids.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
         One that died or was prevented is none of them: it may have been the machine. Nor is one

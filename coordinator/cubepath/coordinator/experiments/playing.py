@@ -39,7 +39,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 GRACE_S = 5.0
-"""A run that does not let itself be interrupted for so long takes its process with it."""
+"""A run that ignores interrupts for this long is killed with its process."""
 TIMEOUT_S_MAX = 1_000_000
 _AGAIN_S = 1.0
 """A run that continues is interrupted again after so long: a rule may catch whatever is raised."""

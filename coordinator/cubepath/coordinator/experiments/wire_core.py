@@ -41,7 +41,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Report, decode
 
 _RESULTS = ("edges", "cube", "certificate", "summary")
-"""Messages in the recording that were not said by anybody, but found by the coordinator."""
+"""Recorded messages that no process sent, but the coordinator derived."""
 
 
 def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | None) -> PlayedRun:
@@ -159,7 +159,7 @@ def _ended(outcome: Outcome) -> tuple[str, str | None]:
 
 
 _BACK_US = SECOND_US
-"""Without rounds, another process takes the place of one that died after so long."""
+"""Without rounds, the time after which another process takes the place of a dead one."""
 _DOUBLED_US = 1000
 """How much later a message comes for the second time."""
 _LONG_US = 120 * SECOND_US

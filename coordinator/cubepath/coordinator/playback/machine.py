@@ -41,7 +41,7 @@ class Play(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Pause(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Put nothing more until told to."""
+    """Publish nothing more until ordered to."""
 
 
 class Toggle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -97,8 +97,8 @@ class PlayOptions(TypedDict, total=False):
     - ``max_gap_s``: the most seconds between two messages; longer gaps are cut. None cuts none.
     - ``wait_for_subscribers``, ``wait_s``: wait until another session subscribes to a part of the
       run, and how many seconds at most (60).
-    - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
-      keepers said; "bundle" means "bundle/*".
+    - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default the messages of
+      modules and keepers; "bundle" means "bundle/*".
     - ``remap``: pairs "FROM=TO" of topics or keys, or of how they begin.
     - ``run``: the run id in the keys, by default a new one.
     - ``endpoint``: where the router listens, for example "tcp/127.0.0.1:7447"; None means a unix

@@ -37,7 +37,7 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageErro
 from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
 
 ASKS_MAX = 12
-"""So often it is asked for the same messages; then they are given up."""
+"""How often it is asked for the same messages; then they are given up."""
 
 
 @dataclass(slots=True)
@@ -82,7 +82,7 @@ class SequenceTracker:
         self._incarnations: dict[str, _Incarnation] = {}
 
     def take(self, message: FreeMessage) -> None:
-        """Take note of a message."""
+        """Note a message."""
         said = getattr(message, "sequence", 0)
         incarnation = getattr(message, "incarnation", 0)
         if not said:
@@ -297,5 +297,5 @@ def _read(run: str, key: str, data: bytes) -> _Said:
 
 
 def refusals_in(kept: Keep[FreeMessage]) -> int:
-    """Return how many refused messages a message in the recording tells of."""
+    """Return how many refused messages a recorded message reports."""
     return kept.message.count if isinstance(kept.message, Refused) else 0

@@ -40,7 +40,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "keepers": int,
 }
 _GATHERED_FROM = ("reports", "commit", "commits")
-"""The kinds of messages that tell of moves where there are no edges."""
+"""The kinds of messages that carry moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
     "max-rounds": "the rounds were over",

@@ -48,7 +48,7 @@ _SETTLE_S_MAX = 5.0
 """How long the end of a run waits for what is under way, since anything new was heard of."""
 _SETTLE_S_IN_ALL = 120.0
 _INTERRUPT_S_MAX = 2.0
-"""And so long if the user asked for it."""
+"""And this long if the user asked for it."""
 
 
 class FreeDriver(Driver[FreeFleet]):
@@ -306,7 +306,7 @@ class FreeDriver(Driver[FreeFleet]):
             shell.carry_out(collector.repeat_order())
 
     def _goes_on(self) -> None:
-        """Take note of how long nothing was committed after a process had died."""
+        """Note how long nothing was committed after a process had died."""
         after = self._heard - self._began
         for crash in self._crashes:
             if crash.idle_seconds is None:

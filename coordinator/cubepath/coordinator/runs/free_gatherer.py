@@ -52,7 +52,7 @@ class Commits:
         """How many there are at least."""
 
     def is_new(self, moved: Commit) -> bool:
-        """Take note of a commit; CheckError if another came under its number."""
+        """Note a commit; CheckError if another came under its number."""
         if moved.serial < 1:
             raise CheckError(f"{named(moved)}: commits count from 1")
         digest = int.from_bytes(blake2b(_encode(moved), digest_size=8).digest(), "big")

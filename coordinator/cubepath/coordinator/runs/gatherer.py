@@ -80,7 +80,7 @@ class Plausibility:
         self._later_seeds = later_seeds
 
     def _begin(self) -> None:
-        """Begin a round, in which nothing has been said."""
+        """Begin a round, in which nothing has been sent."""
         self._round += 1
         self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
@@ -101,8 +101,9 @@ class Plausibility:
     def check(self, message: Message) -> None:
         """Check a message of this round, which comes once, and take it; RefusedError if it cannot.
 
-        That a process is `ready` is checked when all that it said in the phase was. What it said
-        must be all that was due, and once all are through, verdicts and reports must agree.
+        That a process is `ready` is checked after everything that it sent in the phase. It must
+        have sent everything that was due, and once all are through, verdicts and reports must
+        agree.
         """
         if isinstance(message, Bundle | Ready) and message.phase != self._phase:
             self._begin_phase(message.phase)
@@ -241,7 +242,7 @@ class Plausibility:
 
     def _check_settled(self) -> None:
         sites = dict(enumerate(self.sites))
-        # Anew: moves of those whom nobody hears are known by their reports alone.
+        # Anew: moves of modules out of everybody's reach are known only from their reports.
         settling = self._settled()
         fault = settling.fault(self._verdicts, self._reports, sites)
         if fault is not None:

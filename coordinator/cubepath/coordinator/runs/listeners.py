@@ -20,7 +20,7 @@ TAP_MAX = 1_000_000
 
 
 class TappedMessage(msgspec.Struct, frozen=True):
-    """A message of a run, or a part of one: a claim comes in a `said`, a turn in `turns`."""
+    """A message of a run, or a part of one: a claim comes in a `bundle`, a turn in `turns`."""
 
     kind: str
     round: int

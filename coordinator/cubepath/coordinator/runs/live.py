@@ -375,7 +375,7 @@ class _Comparing:
 
 
 def _content(said: Part | Report | None) -> object:
-    """Return what counts of what a module said, whatever the format of the recording."""
+    """Return what counts of a module's message, whatever the format of the recording."""
     match said:
         case Note():
             return tuple(said.note)
@@ -393,7 +393,7 @@ def _content(said: Part | Report | None) -> object:
 
 
 def _text(said: Part | Report | None, kind: str) -> str:
-    """Return what a module said as the end of a sentence about it."""
+    """Return a module's message as the end of a sentence about it."""
     match said:
         case Note():
             return f"notes {said.note}"

@@ -40,7 +40,7 @@ from cubepath.protocol.wire.messages import (
 )
 
 Words: TypeAlias = dict[tuple[str, int], Part | Report]
-"""What modules said and reported in a round, by kind and module."""
+"""What modules sent and reported in a round, by kind and module."""
 _KINDS = ("note", "claim", "verdict", "report")
 
 
@@ -70,7 +70,7 @@ class RecordedDecisions:
 
 
 def on_record(recording: Recording) -> RecordedDecisions:
-    """Read what modules said and chose in the whole rounds of a recording.
+    """Read what modules sent and chose in the whole rounds of a recording.
 
     InputError in one line if they did not choose by rules in rounds, or if what is recorded does
     not fit together; CheckError as for `gathered`.
@@ -141,7 +141,7 @@ def _check_kind(recording: Recording) -> None:
 
 
 def _whole(words: Sequence[Words]) -> int:
-    """Return up to which round nothing is missing that is known to have been said."""
+    """Return up to which round nothing is missing that is known to have been sent."""
     for place, said in enumerate(words):
         for report in (each for each in said.values() if isinstance(each, Report)):
             heard = {(kind, sender) for kind, sender in report.deliveries() if kind in _KINDS}

@@ -85,7 +85,7 @@ class _Known:
         self._epochs: dict[int, tuple[int, Path]] = {}
 
     def record(self, keeper: int, record: Record | Opened, where: Path) -> None:
-        """Take note of a record in the log of a keeper, and of what it says of other logs."""
+        """Note a record in the log of a keeper, and of what it says of other logs."""
         match record:
             case Opened(incarnation=incarnation):
                 self._has[_Key(keeper, _OPENED)] = (incarnation,)
@@ -106,7 +106,7 @@ class _Known:
                 self._entered[enter.module] += 1
 
     def message(self, message: FreeMessage, where: Path) -> None:
-        """Take note of what a message in the recording says of the logs."""
+        """Note what a message in the recording says of the logs."""
         match message:
             case Commit():
                 self._moved(message, where)
@@ -220,7 +220,7 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
 _LOCK = "lock"
 """The file in the folder of logs that is locked: no run writes to it."""
 _LOCK_S_MAX, _POLL_S = 2.0, 0.05
-"""So long the keepers of a run whose launcher was killed may take to end."""
+"""How long the keepers of a run whose launcher was killed may take to end."""
 
 
 def keeper_logs(recording: Path) -> Path:

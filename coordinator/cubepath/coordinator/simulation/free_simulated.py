@@ -200,7 +200,7 @@ _STEPS_MAX = 400_000
 _ON_US, _REST_US = 240 * SECOND_US, 120 * SECOND_US
 """How long a run may take after its faults, and until it is at rest."""
 _STUCK_US = 20 * SECOND_US
-"""Where the dead may be in the way, a run that stands still for so long is blocked."""
+"""Where dead modules may be in the way, a run that stands still for this long is blocked."""
 _JITTER = 0.5
 
 Phase = Literal["faults", "on", "rest"]

@@ -81,7 +81,7 @@ class Liar:
         return self._changed(self._node.receive(key, data))
 
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""
         return self._changed(self._node.tick())
 
     def _changed(self, effects: list[Effect]) -> list[Effect]:

@@ -90,7 +90,7 @@ returns whether there was any."""
 Through: TypeAlias = Callable[[str, Put], "Put | None"]
 """Is shown what the process of a name puts; returns what goes onto the wire instead of it."""
 Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
-"""Told of the number of a process that has died, from 0, and the error; None for a signal."""
+"""Called with the number of a process that has died, from 0, and the error; None for a signal."""
 
 
 class EndlessRun(Exception):  # noqa: N818 - named for what happened
@@ -213,7 +213,7 @@ class SimulatedNetwork:
         self._through, self._after = through, after
 
     def lied(self, name: str, fault: Fault) -> None:
-        """Take note that a process has told a lie."""
+        """Note that a process has told a lie."""
         self.fired.append(fault)
         self._remark(name, fault.kind.replace("-", "s: ", 1))
 

@@ -63,7 +63,7 @@ class Coordinator:
         return self._guarded(lambda: self._pacer.receive(key, data))
 
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""
         return self._guarded(self._pacer.tick)
 
     def died(self, process: int, error: CubepathError | None) -> list[Effect]:

@@ -211,7 +211,7 @@ class Command:
         """Wait for a line, of either stream, in which a pattern is found; return the match.
 
         With `again` the line has to come after the one that was found last. CheckError with what it
-        said instead if it ends or the time is over before.
+        printed instead if it ends or the time is over before.
         """
         deadline = time.monotonic() + timeout_s
         with self._told:

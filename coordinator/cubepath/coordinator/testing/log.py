@@ -134,7 +134,7 @@ class RunLog:
         They are decoded, as `cubepath.protocol` has them. A message that a module sends, such as a
         `Claim`, is there once, however many deliveries carry it; so the same run has the same
         messages of modules in any number of processes. Kinds that belong to processes, such as
-        ``said`` and ``ready``, come as they were on the wire. InputError for an unknown kind.
+        ``bundle`` and ``ready``, come as they were on the wire. InputError for an unknown kind.
         """
         wanted = pattern_of(what, **pattern)
         found: dict[object, Any] = {}

@@ -29,7 +29,7 @@ SEED = "cubepath_seed"
 MARKER = "cubepath"
 _TIMEOUT_S = 30.0
 _TOLD = pytest.StashKey[list[Any]]()
-"""Those that tell of recordings when a test fails."""
+"""Those that name recordings when a test fails."""
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 SEEDS_MAX = 100_000
 """A test is called no more often."""

@@ -112,8 +112,8 @@ class Rule:
 
     It passes over the first `after` of them, then meets `times` of them at most, each with a
     `probability`. `seconds` are by how much a message is late, or its second copy; a rule that
-    holds messages back stops so long after the first of them, with 0 never. `by` is how many later
-    ones overtake a message.
+    holds messages back stops this long after the first of them, with 0 never. `by` is how many
+    later ones overtake a message.
     """
 
     action: Action

@@ -136,9 +136,9 @@ class RunUnderTest(ProcessFaults):
         so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
         join runs with rounds. `links` puts a link before every process, or before those named.
 
-        What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
-        CheckError tells who did not join, or ended before, and what it said. InputError for what
-        cannot be run, CubepathError if too few files may be open for all of it.
+        What is awaited must come within `timeout_s` by default, and so must the commands: a
+        CheckError names the command that did not join, or ended before, and what it printed.
+        InputError for what cannot be run, CubepathError if too few files may be open for all of it.
         """
         super().__init__(links=links)
         seconds("timeout_s", timeout_s)
@@ -159,7 +159,7 @@ class RunUnderTest(ProcessFaults):
         self.run.check = self._joiners.check
         self.run.check_files(self._files)
         self.said: list[str] = []
-        """What the run said in lines: where it listens, who is waited for, who died."""
+        """The lines that the run printed: where it listens, who is waited for, who died."""
         self.heard: deque[WireMessage] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
         self._unexpected: list[str] = []

@@ -96,7 +96,7 @@ class Ward:
         self._hear_the_rest()
 
     def _hear_the_rest(self) -> None:
-        """Take what a parent that is gone has told last."""
+        """Take the last order of a parent that is gone."""
         os.set_blocking(0, False)  # who else holds the other end has nothing to tell
         with contextlib.suppress(BlockingIOError):
             while told := os.read(0, 1 << 16):

@@ -117,7 +117,7 @@ class Wire:
     def hold(self, what: What = "", *, seconds: float | None = None, **options: Any) -> Rule:
         """Hold messages back until the rule is released; others pass them. Keys as `drop`.
 
-        With `seconds` it is released by itself, so long after the first message that it holds.
+        With `seconds` it is released by itself, this long after the first message that it holds.
         """
         if seconds is not None:
             if check_seconds("seconds", seconds) == 0:
@@ -183,7 +183,7 @@ class Wire:
             link.clear()
 
     def close_links(self, around: Callable[[Callable[[], None]], object]) -> None:
-        """Have all links taken away, and the guard told that all is well."""
+        """Remove all links, and tell the guard that all is well."""
         if self._guard is not None:
             around(self._guard.close)
         for link in self.links.values():

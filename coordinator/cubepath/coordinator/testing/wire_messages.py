@@ -40,7 +40,7 @@ from cubepath.protocol.wire.messages import (
 _PHASES = {"reports": "settle", "observations": "observe", "actions": "observe"}
 """The phases of the kinds that do not name theirs."""
 RESULTS = ("edges", "cube", "certificate", "summary")
-"""What the coordinator finds at the end, which nobody said."""
+"""What the coordinator finds at the end, which no process sent."""
 PARTS = (
     *("attempt", "enter", "hold", "tile_query", "forwarded", "decision", "inquiry", "settled"),
     *("place", "entered", "held", "turn"),
@@ -75,7 +75,7 @@ class WireMessage:
 
     @cached_property
     def kind(self) -> str:
-        """The kind of the message, as ``said``, ``ready``, ``go``, ``ask`` or ``moved``."""
+        """The kind of the message, as ``bundle``, ``ready``, ``go``, ``requests`` or ``commit``."""
         found: Any = self.message
         return "unknown" if found is None else kind_of(found)
 

@@ -45,7 +45,7 @@ class RoundPlayer(Protocol):
         """Ask the rules in a round, and call `fail` with one line for each other choice."""
 
     def end(self, moment: Moment, transcript: Transcript, fail: Callable[[str], None]) -> None:
-        """Take note that this round, if it was begun at all, was not completed."""
+        """Note that this round, if it was begun at all, was not completed."""
 
     def unchecked(self) -> str | None:
         """Return in one line what was not asked again, and why; None if all was."""
@@ -79,7 +79,7 @@ class Observing:
     def _there(
         self, moment: Moment, note_length: int
     ) -> tuple[tuple[Mapping[Site, Site], AbstractSet[Site]], Mapping[Site, list[int]]]:
-        """Return what stands at places, what is on, and the notes said, by place."""
+        """Return what stands at places, what is on, and the notes sent, by place."""
         place_of = self._system.place_of
         standing = {place_of(site): site for site in moment.sites}
         notes: dict[Site, list[int]] = {}

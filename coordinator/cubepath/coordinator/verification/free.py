@@ -233,7 +233,7 @@ class _Checks(NamedTuple):
 
 
 def _never_began(recording: Recording) -> bool:
-    """Return whether a run was over before it began, and nobody has said anything."""
+    """Return whether a run was over before it began, and nothing has been sent."""
     over = recording.scene.reached(recording.scene.start) and recording.schedule is None
     none = all(record.topic.endswith("/coordinator") for record in recording.records)
     return none and (over or max_rounds_in(recording.parameters) == 0)

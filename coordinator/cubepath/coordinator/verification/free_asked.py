@@ -222,7 +222,7 @@ class ShownVersions:
         self._far: set[tuple[int, int]] = set()
 
     def add(self, version: int, module_version: int) -> None:
-        """Take note that this was shown."""
+        """Note that this was shown."""
         if version >= _HALF or module_version >= _HALF:
             self._far.add((version, module_version))
             return

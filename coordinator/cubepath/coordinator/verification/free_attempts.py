@@ -44,12 +44,12 @@ from cubepath.protocol.wire.keys import Tiles
 
 
 class Incarnations:
-    """The incarnations and epochs of modules, as keepers tell of them."""
+    """The incarnations and epochs of modules, as keepers report them."""
 
     def __init__(
         self, transcript: FreeTranscript, tiles: Tiles, system: System, fail: Fail
     ) -> None:
-        """Begin with nothing told."""
+        """Begin with nothing reported."""
         self._said, self._losses = transcript, transcript.losses
         self._tiles, self._place_of, self._fail = tiles, system.place_of, fail
         self._incarnations: dict[int, dict[int, int]] = {}
@@ -85,7 +85,7 @@ class Incarnations:
             self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
 
     def take(self, where: Record, occupant: Occupant) -> None:
-        """Take note of the epoch of an incarnation."""
+        """Note the epoch of an incarnation."""
         known = self._incarnations.setdefault(occupant.module, {0: 0})
         if known.setdefault(occupant.incarnation, occupant.epoch) != occupant.epoch:
             name = f"incarnation {occupant.incarnation} of module_{occupant.module}"
@@ -124,8 +124,8 @@ _CHECKED, _GIVEN_UP = 1, 2
 class Attempts:
     """The attempts of a run, and their results.
 
-    They are checked as they stand in the recording. `fail` is given what is wrong with commits by
-    their numbers, so that the first failure is the same however messages are ordered.
+    They are checked as they stand in the recording. `fail` is called for what is wrong with commits
+    by their numbers, so that the first failure is the same however messages are ordered.
     """
 
     def __init__(

@@ -65,7 +65,7 @@ class UnitAccesses:
         self._versions, self._what = array("q"), array("q")
 
     def add(self, thing: Hashable, version: int, what: int, commit: int) -> None:
-        """Take note that a commit touches a thing at a version; commits come in their order."""
+        """Note that a commit touches a thing at a version; commits come in their order."""
         self._things.append(self._numbers.setdefault(thing, len(self._numbers)))
         self._versions.append(version)
         self._what.append(what)

@@ -258,7 +258,7 @@ def _same(values: _Rows) -> NDArray[np.bool_]:
 
 
 class Tails:
-    """What keepers tell of all their commits and units."""
+    """What keepers report of all their commits and units."""
 
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
@@ -268,7 +268,7 @@ class Tails:
         self._last: dict[int, tuple[Record, CommitLog]] = {}
 
     def tail(self, where: Record, tail: CommitLog) -> None:
-        """Check what a keeper tells of all its commits."""
+        """Check what a keeper reports of all its commits."""
         found = len(self._said.commits.serials(tail.keeper))
         if tail.serial > found:
             self._fail(
@@ -313,7 +313,7 @@ class Tails:
             yield f"{where}: {tail.prepared} attempts are under way at the end"
         else:
             yield from self._other_units(where, tail)
-        # With commits left to tell, a keeper tells of no unit yet.
+        # While it has commits left to report, a keeper reports no unit.
         if not tail.prepared and (not tail.parts or tail.parts[-1].serial == tail.serial):
             for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
                 yield f"{where}: it leaves out {site_text(unit)}"

@@ -78,7 +78,7 @@ _LIMITED = ("keeper", "process", "to", "module")
 
 
 class KeeperPart(NamedTuple):
-    """A part of a message, with where it stands and who says it to whom."""
+    """A part of a message, with its position, sender and receiver."""
 
     where: Record
     keeper: int
@@ -99,7 +99,7 @@ class FreeTranscript:
     """By module the processes that spoke for it."""
     commits: PackedCommits = field(default_factory=PackedCommits)
     acknowledged: set[tuple[AttemptId, int]] = field(default_factory=set)
-    """The attempts of which a keeper said that it knows of the commit, with that keeper."""
+    """The attempts whose commit a keeper reports to know, with that keeper."""
     shown: dict[Site, ShownVersions] = field(default_factory=dict)
     """By place what was shown of it."""
     turns: TurnNumbers = field(default_factory=TurnNumbers)
@@ -108,7 +108,7 @@ class FreeTranscript:
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their incarnations that asked where they stand."""
     stands: dict[tuple[int, int], Site] = field(default_factory=dict)
-    """Where a module was first told that it stands, by module and epoch."""
+    """The first place that a module was told it stands at, by module and epoch."""
     holds: AskedHolds = field(default_factory=AskedHolds)
     looks: set[tuple[int, str]] = field(default_factory=set)
     """Tiles of which all was asked for, with the keeper that was asked."""
@@ -291,7 +291,7 @@ class FreeReading:
                     self.found.stands.setdefault((occupant.module, occupant.epoch), site)
 
     def _shown(self, parts: Iterable[PlaceState], *, once: bool = False) -> None:
-        """Take note of the versions shown; `once` each place counts in a message."""
+        """Note the versions shown; `once` each place counts in a message."""
         seen: set[Site] = set()
         for part in parts:
             place = site_in(part.place)

@@ -154,12 +154,12 @@ class TurnsOfModules:
             self._player.turn(seen, self._another_choice)
 
     def _lack(self, module: int, epoch: int, why: str) -> None:
-        """Take note of what the process of a module said and is not recorded."""
+        """Note messages of a module's process that are not recorded."""
         excused = self._losses.of_module(module) or self._losses.before(module, epoch)
         self._losses.lack(self._fail, "turns", why, excused=excused)
 
     def _not_shown(self, turn: Turn, why: str, keepers: Iterable[int]) -> None:
-        """Take note of what keepers said to a module and is not recorded."""
+        """Note messages of keepers to a module that are not recorded."""
         before = self._losses.before(turn.module, turn.epoch)
         excused = before or self._losses.of_keepers(keepers)
         self._losses.lack(self._fail, "turns", why, excused=excused)

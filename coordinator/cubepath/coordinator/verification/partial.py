@@ -179,7 +179,7 @@ def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[
 
 
 def moves_in(recording: Recording) -> int:
-    """Return how many moves are recorded; 0 if a message that tells of one is malformed."""
+    """Return how many moves are recorded; 0 if a message that carries one is malformed."""
     try:
         return len(recording.moves()["round"])
     except InputError:  # told by `messages`

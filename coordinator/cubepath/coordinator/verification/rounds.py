@@ -199,7 +199,7 @@ class Rederivation:
         self._fail = fail
 
     def round(self, number: int, said: RecordedRound) -> None:
-        """Derive a round and check everything said and reported in it."""
+        """Derive a round and check everything sent and reported in it."""
         where = f"round {number}"
         while self._stages and self._stages[0].begins <= number:
             stage = self._stages.popleft()

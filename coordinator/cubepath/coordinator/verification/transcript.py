@@ -166,7 +166,7 @@ class Sorting:
     """Sorts the messages of a recording; `fail` is called for what is wrong without any derivation.
 
     That is `messages` (each decodes, and stands under its own topic and round), messages that come
-    twice and differ (`said`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
+    twice and differ (`bundle`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
 
     A round is closed when none of its messages is still to come. It is dropped then, so that memory
     holds only the rounds in progress.

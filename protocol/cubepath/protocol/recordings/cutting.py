@@ -452,7 +452,7 @@ def _same_run(one: Recording, other: Recording) -> None:
 
 
 def _of_one_file(found: Sequence[Recording], notes: Mapping[str, str]) -> dict[str, str]:
-    """Return parameters without what each file said of itself: together they begin with the first.
+    """Return parameters without those that describe each file: together they begin with the first.
 
     InputError if one of them is no number.
     """

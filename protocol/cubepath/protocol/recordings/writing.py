@@ -89,7 +89,7 @@ class RecordingWriter:
         messages can be read by other tools, and as a recording once its scene is supplied again.
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
-        format that its messages are in, told and not looked at; if it is left out, it follows from
+        format that its messages are in, given and not inspected; if it is left out, it follows from
         the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
         self._format = written_as or format_of(parameters)

@@ -26,7 +26,7 @@ HOSTS = ("localhost", "127.0.0.1", "::1")
 """Where the router is found in any case: on its own machine."""
 DAYS_MAX = 36_500
 _EARLIER = timedelta(hours=1)
-"""Clocks of other hosts may be late by so much."""
+"""Clocks of other hosts may be late by this much."""
 
 
 def make_certificates(

@@ -37,9 +37,9 @@ from cubepath.protocol.wire.messages import (
 )
 
 HOLD_TICKS_MAX = 200
-"""So long at most a keeper holds places for a module that thinks."""
+"""A keeper holds places for a thinking module for at most this long."""
 Register: TypeAlias = list[NoteNumber]
-"""The note of a module as its keeper holds it: empty before it has said anything."""
+"""The note of a module as its keeper holds it: empty before it has sent anything."""
 _Line = Annotated[str, msgspec.Meta(max_length=4096)]
 
 
@@ -488,7 +488,7 @@ def heard_of_tile(run: str, tile: str) -> str:
 
 
 def level_of(message: FreeMessage) -> int:
-    """Return the greatest level that a message tells of for itself, or 0."""
+    """Return the greatest level that a message carries itself, or 0."""
     match message:
         case Commit(level=level):
             return level

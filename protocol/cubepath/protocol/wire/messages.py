@@ -40,7 +40,7 @@ class Presence(msgspec.Struct, frozen=True, tag_field="kind", tag="presence"):
 
 
 class Note(msgspec.Struct, frozen=True, tag_field="kind", tag="note"):
-    """What a rule said in its last choice; goes to the places within reach of `site`."""
+    """The note of a rule's last choice; goes to the places within reach of `site`."""
 
     round: Count
     module: Count
@@ -71,9 +71,9 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
 class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     """A module's announcement at the end of a round, one each, in any order of arrival.
 
-    It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move`
-    is what it executed. `received` is every part that it was delivered in this round: by kind the
-    modules that said it, in increasing order.
+    It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move` is
+    what it executed. `received` is every part that it was delivered in this round: by kind the
+    modules that sent it, in increasing order.
     """
 
     round: Count
@@ -126,7 +126,7 @@ class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag=
     together. With phase "observe" modules that are driven from outside send their observations.
     With phase "over" the schedule that modules carried out ends with this round (0: before the
     first): from the next on they follow their rule, each from where it stands. A process that has
-    answered already and is asked again repeats all that it said in the phase.
+    answered already and is asked again repeats everything that it sent in the phase.
     """
 
     round: Count
@@ -147,7 +147,7 @@ class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
 class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
     """A process has finished a phase of a round (join: it is connected).
 
-    `sent` counts by region the messages that it said in this phase. A process whose modules follow
+    `sent` counts by region the messages that it sent in this phase. A process whose modules follow
     their own `rule` instead of that of the run names it when it joins.
     """
 

@@ -73,4 +73,4 @@ class Node(Protocol):
 
     @abstractmethod
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""

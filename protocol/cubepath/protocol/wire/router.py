@@ -51,7 +51,7 @@ from cubepath.protocol.wire.sessions import (
 )
 
 ON_LOOPBACK = "tls/127.0.0.1:0"
-"""Where a router with certificates listens unless told otherwise."""
+"""Where a router with certificates listens by default."""
 _REFUSED = 4
 _START_S_MAX = 30.0
 _END_S_MAX = 5.0
@@ -225,7 +225,7 @@ def check_secure(endpoint: str, secure: Path | None) -> None:
 
 
 def without_tls(endpoint: str) -> str:
-    """Return what to tell of a router that asks nobody who they are."""
+    """Return the warning about a router that authenticates nobody."""
     return f"listening on {endpoint} without TLS: any client that connects can speak for any module"
 
 

@@ -230,7 +230,7 @@ def subscribe(
 def watch(
     session: zenoh.Session, key: str, tell: Callable[[str, bool], None]
 ) -> zenoh.Subscriber[None]:
-    """Tell of liveliness tokens, those that are there first: the key, and whether it is there now.
+    """Report liveliness tokens, the present ones first: the key, and whether it is there now.
 
     `tell` is a direct callback, as for `subscribe`.
     """

@@ -166,7 +166,7 @@ class _Record:
         return self.best.cubes if self._pending is None else self._pending[0].cost[0]
 
     def see(self, proposal: _Proposal | None, steps: int) -> None:
-        """Take note of a proposal, and build the best one if enough steps have gone by."""
+        """Note a proposal, and build the best one if enough steps have gone by."""
         known = self.best.cubes, self.best.moves
         if self._pending is not None:
             known = min(known, self._pending[0].cost)
@@ -176,7 +176,7 @@ class _Record:
             self.build()
 
     def build(self) -> None:
-        """Build the better path, if there is one, and tell of it."""
+        """Build the better path, if there is one, and report it."""
         if self._pending is None:
             return
         proposal, steps = self._pending

@@ -328,7 +328,7 @@ def exchange(draft: Draft, window: RouteWindow, one: int, other: int) -> None:
 
 @compiled
 def repair(draft: Draft, window: RouteWindow, tries: int, *, exchanged: bool) -> bool:
-    """Plan waiting vehicles through all others, whom they throw out, at most `tries` times.
+    """Plan waiting vehicles through all others, which they throw out, at most `tries` times.
 
     With `exchanged`, vehicles that wait may exchange goals. Return whether all have a route.
     """

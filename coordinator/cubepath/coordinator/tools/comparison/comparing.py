@@ -469,7 +469,7 @@ def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
 
 
 def _results(readings: tuple[Reading, Reading]) -> MessageDifference | None:
-    """Return what the coordinator says of two runs in which modules said and did the same."""
+    """Return what the coordinator says of two runs in which modules sent and did the same."""
     one, two = (reading.transcript for reading in readings)
     if one.summary is None or two.summary is None:
         return None

@@ -246,7 +246,7 @@ class CommitGraph:
 
 @dataclass(frozen=True)
 class ShownInTurn:
-    """What a rule was shown in a turn; in words `who` is where, and `told` who says what."""
+    """What a rule was shown in a turn; in words, `who` is where, and `told` what each one sends."""
 
     site: Site
     register: Register
@@ -270,7 +270,7 @@ class _Links:
         self._read: dict[tuple[object, int], list[int]] = {}
 
     def before(self, name: int, moved: Commit) -> set[int] | None:
-        """Return what a commit depends on, and take note of what it does.
+        """Return what a commit depends on, and note what it does.
 
         None if it finds a version that no recorded commit wrote.
         """

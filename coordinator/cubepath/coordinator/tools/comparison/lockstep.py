@@ -315,7 +315,7 @@ class ModuleStates:
             self._balance.pop(site, None)
 
     def note(self, number: int) -> None:
-        """Take note whether the states differ at the end of a round, 0 for the start."""
+        """Note whether the states differ at the end of a round, 0 for the start."""
         if self._balance and self._begin is None:
             self._begin = number
         elif not self._balance and self._begin is not None:
@@ -368,7 +368,7 @@ Chosen = tuple[str, Site | None] | None
 def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
     """Return what a module chose: its move, and why it gave up.
 
-    A claim that nobody could hear was not said; of that the report tells, if it was granted.
+    A claim that nobody could receive was not sent; of that the report tells, if it was granted.
     """
     claim, report = this.said.get(("claim", module)), this.reports.get(module)
     failed = None if report is None else report.failed
@@ -380,7 +380,7 @@ def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
 
 
 def note_of(this: RecordedRound, module: int) -> tuple[int, ...] | None:
-    """Return the note that a module said in a round."""
+    """Return the note that a module sent in a round."""
     note = this.said.get(("note", module))
     return tuple(note.note) if isinstance(note, Note) else None
 

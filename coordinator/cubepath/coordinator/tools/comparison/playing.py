@@ -52,7 +52,7 @@ class RuleSource:
     begins: int = 1
     """The round in which the rule began, with no memory."""
     heard: bool = False
-    """Whether what the module noted before is still said in that round."""
+    """Whether the module's earlier note is still sent in that round."""
 
     def exchanged(self, name: str, other: RuleSource) -> RuleSource:
         """Return this way with one thing of another: "rule", "seed" or "hesitate".
@@ -132,7 +132,7 @@ class ReplayedChoice:
 
     action: tuple[str, Site] | None
     note: tuple[int, ...] | None
-    """The last note that it said, in this choice or before."""
+    """The last note that it sent, in this choice or before."""
     failed: str | None
     drew: tuple[float, ...] | None
     doubt: float | None
@@ -152,7 +152,7 @@ class RuleReplayer:
         clock: str,
         said: tuple[int, ...] | None = None,
     ) -> None:
-        """Make the rule; `said` is the note that the module said last, before the rule began."""
+        """Make the rule; `said` is the module's last note before the rule began."""
         self.why: str | None = None
         self.length = 0
         self._scene = scene

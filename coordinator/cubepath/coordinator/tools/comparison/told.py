@@ -55,12 +55,12 @@ class ChoiceContext:
     """What a module sensed, received, drew and chose in one of the runs.
 
     `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
-    (outside the workspace) or ``filled`` (an obstacle); `told` is what modules within reach said in
-    their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
-    bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
-    hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
-    rule chooses. `versions`, without rounds, are those of what it was shown, and `level` is
-    that of the commit, None if that has no move.
+    (outside the workspace) or ``filled`` (an obstacle); `told` has the notes of modules within
+    reach. `drew` are the numbers that its rule drew from its random stream in this choice, 64 bits
+    each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it hesitates.
+    Both are None if the rule could not be asked again. `by_rule` is what the installed rule
+    chooses. `versions`, without rounds, are those of what it was shown, and `level` is that of the
+    commit, None if that has no move.
     """
 
     site: str

@@ -372,7 +372,7 @@ class Feed:
             self._news.notify_all()
 
     def hear(self, message: Words) -> None:
-        """Hand over what a module has said; it is sent with the step that it belongs to.
+        """Hand over what a module has sent; it is sent with the step that it belongs to.
 
         Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
         """

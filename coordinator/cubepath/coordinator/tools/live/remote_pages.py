@@ -106,7 +106,7 @@ _ASKED_S_MAX = 2.0
 _SHARE = 10
 """At least this many times as long as asking took, nothing is asked again."""
 _QUIET_S = 1.0
-"""A run whose token has gone, and of which nothing more comes for so long, has ended."""
+"""A run whose token has gone, and from which nothing arrives for this long, has ended."""
 _WAITING_MAX = 100_000
 """At most this many steps wait to be looked at; who falls behind more has missed some."""
 

@@ -79,7 +79,7 @@ class Server(ThreadingHTTPServer):
             return len(self._clients)
 
     def leave(self, wait_s: float = _LEAVE_S) -> None:
-        """End, once those who watch have been told all, or after this many seconds at most."""
+        """End, once all viewers have received everything, or after this many seconds at most."""
         until = time.monotonic() + wait_s
         while self.clients and time.monotonic() < until:
             time.sleep(_LOOK_S)

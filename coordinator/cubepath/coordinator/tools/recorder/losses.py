@@ -49,7 +49,7 @@ class Backlog:
         self._subscriber = session.declare_subscriber(key, queue)
 
     def take(self, seconds: float) -> Iterator[ReceivedMessage]:
-        """Yield what waits, for so long at most; wait a moment if there is nothing."""
+        """Yield what waits, for at most this long; wait a moment if there is nothing."""
         take = self._subscriber.try_recv
         until = time.monotonic() + seconds
         found = take()
@@ -205,7 +205,7 @@ class LossCounter:
         self._first_round: int | None = None
 
     def take(self, topic: str, heard: ReceivedMessage) -> Head | None:
-        """Take note of a message; return what was read of it, None if it is malformed."""
+        """Note a message; return what was read of it, None if it is malformed."""
         if heard.source is not None:
             who, number = heard.source
             known = self._sources.get(who)

@@ -65,9 +65,9 @@ def guest_at(endpoint: str, secure: Path | str | None) -> Credentials:
 MEMORY_BYTES = 100 << 20
 _STEP_S = 0.05
 _LAST_S = 5.0
-"""So long what still waits is written when a recorder leaves."""
+"""How long waiting messages are written when a recorder leaves."""
 _QUIET_S = 0.3
-"""A run whose token has gone has ended when nothing more has come for so long."""
+"""A run whose token has gone has ended when nothing has arrived for this long."""
 _BACK_S = 10.0
 """Within this time sessions find a router that was started again."""
 _MEGABYTE = 1_000_000
@@ -117,7 +117,7 @@ class Recorder:
         self._begins = False
         """Whether nothing was written since."""
         self._summed_up = False
-        """Whether the run has told how it ended."""
+        """Whether the run has published how it ended."""
         self._leaving = threading.Event()
         self._over = threading.Event()
         self._lock = threading.Lock()
@@ -200,7 +200,7 @@ class Recorder:
                 self._taken.notify_all()
 
     def _hear(self, heard: Iterable[ReceivedMessage]) -> None:
-        """Take note of what came, and write what is next in order."""
+        """Note what came, and write what is next in order."""
         each = None
         for each in heard:
             topic, wanted = self._topics.of(each.key)
@@ -345,7 +345,7 @@ class Recorder:
         return self._backlog.most
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until the run ends, or for so long; return whether the recorder has ended."""
+        """Wait until the run ends, or for this long; return whether the recorder has ended."""
         return self._over.wait(timeout_s)
 
     def snapshot(self) -> Path:

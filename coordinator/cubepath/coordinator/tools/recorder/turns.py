@@ -51,7 +51,7 @@ class MessageTimes:
         return self._now, self._now if first else 1 if joins else self._now + 1, first
 
     def is_repeated(self, topic: str, data: bytes) -> bool:
-        """Return whether a process or a keeper has said just this before.
+        """Return whether a process or a keeper has sent exactly this before.
 
         It does so when others have missed it; the run's own recording has it once.
         """
@@ -74,7 +74,7 @@ def _level(data: bytes) -> int:
 
 
 _HELD_S = 1.0
-"""So long something waits at most: what it waits for may be lost."""
+"""How long a message waits at most: what it waits for may be lost."""
 _HELD_MAX = 1 << 14
 _RANKS = {"join": 0, "sense": 1, "observe": 2, "claim": 3, "settle": 4, "over": 5}
 _TOLD_IN = {
