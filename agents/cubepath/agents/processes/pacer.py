@@ -48,7 +48,7 @@ PATIENCE_S = 60.0
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
 Check: TypeAlias = Callable[[Message], object]
-"""Takes each message of modules once, and the answer of a process when all that it said has come;
+"""Takes each message of modules once, and the answer of a process when all its messages have come;
 raises RefusedError if it cannot be, given where modules stand."""
 _NAMED_MAX = 8
 _ASKED_MAX = 1000

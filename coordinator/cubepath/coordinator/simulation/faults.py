@@ -263,7 +263,7 @@ FREE_KINDS = (
     "partition",
 )
 """Beside those of a run with rounds: a link is slow for a while; a process is killed after it has
-written, and before it has said, what follows from a message, or while it writes that; a module
+written, and before it has sent, what follows from a message, or while it writes that; a module
 process leaves, and perhaps comes back, or comes late; some processes do not hear the others."""
 _HOPS: Mapping[str, tuple[float, float]] = {
     "delay": (0.003, 0.3),

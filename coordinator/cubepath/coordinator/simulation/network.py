@@ -78,7 +78,7 @@ RECONNECT_US = 10_000
 """How long it takes at most until a process finds the router that is back."""
 EVERYTHING = "/**"
 CUTS = ("cut", "torn", "leave")
-"""Faults that end a process after it has taken a message: before it has said all that follows,
+"""Faults that end a process after it has taken a message: before it has sent all that follows,
 before it has written all of it, or after both."""
 STANDING = ("pause", "slow", "stall")
 """Faults that a process survives."""

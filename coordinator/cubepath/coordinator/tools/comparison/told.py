@@ -163,7 +163,7 @@ class RunComparison:
     clock: str
     """"lockstep", "free", or "moves" if only the moves can be compared."""
     same: bool
-    """Whether nothing differs that modules said and did, and nothing is missing in one alone or
+    """Whether nothing differs that modules sent and did, and nothing is missing in one alone or
     between rounds that were compared."""
     identical: bool
     """Whether both files have the same bytes."""
