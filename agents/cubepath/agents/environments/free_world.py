@@ -17,7 +17,7 @@ from cubepath.agents.local.observation import Note, Observation, chosen_move, go
 from cubepath.agents.rules.actor import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -246,8 +246,8 @@ class FreeWorld:
                 decision = next(part for part in message.parts if isinstance(part, Decision))
             elif isinstance(message, TileUpdate):
                 for part in message.parts:
-                    site = None if part.site is None else site_from_json(part.site)
-                    self._change(site_from_json(part.place), site, tuple(part.note))
+                    site = part.site
+                    self._change(part.place, site, tuple(part.note))
         if decision is None:  # one keeper alone waits for nobody
             raise AssertionError(f"no answer to {attempt}")
         return decision
@@ -268,7 +268,7 @@ class FreeWorld:
     def _committed(self, module: int, moved: Commit) -> None:
         self.commits += 1
         for who, _, to, _ in moved.motion:
-            self.sites[who] = site_from_json(to)
+            self.sites[who] = to
         for _, who, _, note in moved.notes:
             if note is not None:
                 self.registers[who] = tuple(note)

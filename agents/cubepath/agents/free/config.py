@@ -9,7 +9,8 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
@@ -22,7 +23,7 @@ class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A module's own move of a schedule, and how often its units were written and read before."""
 
     placed: GeneratorPlacement
-    after: list[tuple[Json, int, int | None]]
+    after: list[tuple[Site, int, int | None]]
 
 
 class FreeProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -21,7 +21,7 @@ from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
 from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.errors import RuleError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
@@ -161,19 +161,19 @@ class Mover:
         if answer.incarnation != self._incarnation or occupant.epoch < self._epoch:
             return
         if occupant.epoch == self._epoch:  # said again, maybe later than what was heard since
-            self.taken_to(site_from_json(answer.site), occupant.version)
+            self.taken_to(answer.site, occupant.version)
             return
         fresh = self._epoch == 0
         self._epoch, self._number = occupant.epoch, occupant.number
         # Where it was shown before this answer came may be later than the answer.
-        self.taken_to(site_from_json(answer.site), occupant.version)
+        self.taken_to(answer.site, occupant.version)
         self._attempt = None
         self._holds, self._hold_number = [], 0
         self._rests(now_s, 0.0)
         if fresh:
             self._turn = 0
             if self._own is None:
-                self._actor = self._born(site_from_json(answer.site))
+                self._actor = self._born(answer.site)
 
     def _born(self, site: Site) -> Actor:
         scene = self._scene
@@ -232,7 +232,7 @@ class Mover:
         self.level = max(self.level, moved.level)
         for module, _, target, version in moved.motion:
             if module == self.module:
-                self.taken_to(site_from_json(target), version)
+                self.taken_to(target, version)
         for _, module, version, content in moved.notes:
             if module == self.module and content is not None:
                 self.taken_to(self.site, version)
@@ -296,18 +296,16 @@ class Mover:
     def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
         """Return whether, as far as it can tell, what it sensed when it began to think holds."""
         place_of = self._system.place_of
-        if site_from_json(attempt.site) != self.site:
+        if attempt.site != self.site:
             return False
-        for unit, shown in attempt.sensed:
-            at = site_from_json(unit)
+        for at, shown in attempt.sensed:
             place = at if self._system.labels is not None else place_of(at)
             on = sensing.place(place).site
             found = on if self._system.labels is not None or on == at else None
-            if to_json(found) != shown:
+            if found != shown:
                 return False
         return all(
-            list(sensing.place(site_from_json(place)).note) == list(note)
-            for place, note, _ in attempt.notes
+            list(sensing.place(place).note) == list(note) for place, note, _ in attempt.notes
         )
 
     def _send(self, attempt: Attempt, now_s: float) -> list[Ask]:
@@ -344,7 +342,7 @@ class Mover:
         self._wait_for_answer(now_s)
         thinks_s = 2 * self._pace.factor * THINK_S * (1.0 + self._pace.jitter)
         ticks = min(HOLD_TICKS + int(thinks_s / TICK_S), HOLD_TICKS_MAX)
-        asked = [to_json(each) for each in places]
+        asked = list(places)
         return [(keeper, Hold(self.module, self._epoch, self._hold_number, asked, ticks))]
 
     def _wait_to_hold(self, now_s: float) -> list[Ask]:
@@ -491,15 +489,15 @@ class Mover:
                 module=self.module,
                 epoch=self._epoch,
                 turn=self._turn,
-                site=to_json(self.site),
+                site=self.site,
                 version=self._version,
                 sensed=sensed,
                 action=choice.action,
                 received=heard,
                 note=None if choice.note is None else list(choice.note),
-                guards=[to_json(site) for site in choice.guards],
-                heeds=[to_json(site) for site in choice.heeds],
-                exchanges=[(to_json(at), list(note)) for at, note in choice.exchanges.items()],
+                guards=list(choice.guards),
+                heeds=list(choice.heeds),
+                exchanges=[(at, list(note)) for at, note in choice.exchanges.items()],
                 number=None if attempt is None else attempt.number,
                 failed=choice.failed,
             )
@@ -510,9 +508,7 @@ class Mover:
         if self._own is None or self._done >= len(self._own):
             return None
         due = self._own[self._done]
-        move = self._system.move_named(
-            self.site, due.placed.generator, site_from_json(due.placed.at)
-        )
+        move = self._system.move_named(self.site, due.placed.generator, due.placed.at)
         if move is None or not self._ready(due, sensing):
             return None
         place = self._system.place_of(self.site)
@@ -547,8 +543,7 @@ class Mover:
         )
 
     def _ready(self, due: OwnMove, sensing: Sensing) -> bool:
-        for unit, version, reads in due.after:
-            at = site_from_json(unit)
+        for at, version, reads in due.after:
             place = at if self._system.labels is not None else self._system.place_of(at)
             known = {site: (v, r) for site, v, r in sensing.place(place).reads}
             found, times = known.get(at, (0, 0))

@@ -20,6 +20,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import appended_file
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.free_messages import Commit, Decision, EnterRequest, Forwarded
 
 
@@ -67,7 +68,9 @@ class Opened(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="opene
 
 
 Record: TypeAlias = Prepared | Decided | Committed | JoinedRecord | Acknowledged
-_decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(Record | Opened)
+_decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(
+    Record | Opened, dec_hook=site_hook
+)
 _encode = msgspec.json.Encoder().encode
 _PER_COMMIT = 3
 _DIGITS_MAX = 18

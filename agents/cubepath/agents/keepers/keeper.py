@@ -37,7 +37,7 @@ from cubepath.agents.keepers.journal import (
 )
 from cubepath.agents.keepers.units import Units, sites_in, start_of
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -354,7 +354,7 @@ class Keeper:
             written=[
                 *passed.written,
                 *(
-                    (to_json(unit), known.version, known.reads)
+                    (unit, known.version, known.reads)
                     for unit in share.writes
                     for known in (self.units.unit(unit),)
                 ),
@@ -372,7 +372,7 @@ class Keeper:
         self._pass_on(pending)
 
     def _versions(self, units: Iterable[Site]) -> list[tuple[object, int]]:
-        return [(to_json(unit), self.units.unit(unit).version) for unit in units]
+        return [(unit, self.units.unit(unit).version) for unit in units]
 
     def _fenced_off(self, plan: AttemptPlan) -> str | None:
         """Return why the module may not act, if its place is here and its fence says so."""
@@ -399,7 +399,7 @@ class Keeper:
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
             if occupant is not None:
-                found.append((to_json(self.units.site_of(occupant.module)), occupant))
+                found.append((self.units.site_of(occupant.module), occupant))
         return found
 
     def _prepare(self, pending: _Pending) -> None:
@@ -435,7 +435,7 @@ class Keeper:
             attempt.epoch,
             attempt.number,
             commit=moved,
-            occupants=[(to_json(site), occupant) for site, occupant in occupants],
+            occupants=[(site, occupant) for site, occupant in occupants],
         )
         self._journal.append(Committed(passed, decision))
         self._carry_out_commit(passed, decision, plan)
@@ -477,7 +477,7 @@ class Keeper:
         for (source, target), taken in zip(plan.motion, passed.occupants, strict=True):
             if taken is None:
                 raise AssertionError(f"no module is carried from {source!r}")
-            motion.append((taken.module, to_json(source), to_json(target), taken.version + 1))
+            motion.append((taken.module, source, target, taken.version + 1))
             modules[taken.module] = target, taken
         moved_along = {module for module, *_ in motion}
         changed: list[tuple[Site, Occupant]] = []
@@ -492,7 +492,7 @@ class Keeper:
                 version=occupant.version + counts,
             )
             if module in notes:
-                listed.append((to_json(self._system.place_of(at)), module, new.version, note))
+                listed.append((self._system.place_of(at), module, new.version, note))
             if counts:
                 changed.append((at, new))
         return (
@@ -639,7 +639,7 @@ class Keeper:
                 self._say_held(known)
             return
         try:
-            places = [site_from_json(place) for place in asked.places]
+            places = list(asked.places)
             share = held(self._system, places)
         except NO_PLACE:
             self.refused += 1
@@ -676,7 +676,7 @@ class Keeper:
 
     def _say_held(self, hold: _Hold) -> None:
         asked = hold.asked
-        parts = [self.units.shown(site_from_json(place)) for place in asked.places]
+        parts = [self.units.shown(place) for place in asked.places]
         self._tell(hold.process, Held(asked.module, asked.epoch, asked.number, parts))
 
     def _give_up(self, module: int) -> None:
@@ -715,7 +715,7 @@ class Keeper:
         site = self.units.site_of(enter.module)
         known = self.units.occupant(place)
         if known is not None:
-            self._tell(process, Entered(enter.incarnation, to_json(site), known))
+            self._tell(process, Entered(enter.incarnation, site, known))
 
     def _be_born(self, enter: EnterRequest) -> None:
         occupant = self.units.occupant(self.units.place_of[enter.module])

@@ -32,7 +32,7 @@ from cubepath.agents.local.observation import (
 )
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
@@ -156,12 +156,8 @@ class ModuleCore:
             found.append(Note(round_number, self.module, self.site, list(note)))
         return found
 
-    def hear(self, message: Message, sender: Site | None = None) -> list[Part]:
-        """Process a message; return the verdict on the module's claim if the message decides it.
-
-        `sender` is the site in the message, if it was read from it already: many modules may hear
-        one message.
-        """
+    def hear(self, message: Message) -> list[Part]:
+        """Process a message; return the verdict on the module's claim if the message decides it."""
         if not isinstance(message, Presence | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
         kind = kind_of(message)
@@ -171,29 +167,26 @@ class ModuleCore:
                 f"module_{self.module}: {kind} of module_{message.module} for round"
                 f" {message.round} came {when}, in phase {self._phase} of round {self.round}"
             )
-        if sender is None:
-            sender = site_from_json(message.site)
         self._heard.setdefault(kind, []).append(message.module)
         match message:
             case Presence():
-                self._occupants[self._system.place_of(sender)] = sender
+                self._occupants[self._system.place_of(message.site)] = message.site
             case Note():
-                self._notes[self._system.place_of(sender)] = tuple(message.note)
+                self._notes[self._system.place_of(message.site)] = tuple(message.note)
             case Claim():
-                self._claims[message.module] = self._move(sender, message)
+                self._claims[message.module] = self._move(message)
             case Verdict():
                 self._verdicts[message.module] = message.granted
                 if self._phase == "settle":
                     return self._decide()
         return []
 
-    def _move(self, sender: Site, claim: Claim) -> Move:
-        at = site_from_json(claim.at)
-        move = self._system.move_named(sender, claim.generator, at)
+    def _move(self, claim: Claim) -> Move:
+        move = self._system.move_named(claim.site, claim.generator, claim.at)
         if move is None:
             raise ProtocolError(
-                f"module_{self.module}: module_{claim.module} at {sender!r} claims"
-                f" {claim.generator} at {at!r}, which is no move from there"
+                f"module_{self.module}: module_{claim.module} at {claim.site!r} claims"
+                f" {claim.generator} at {claim.at!r}, which is no move from there"
             )
         return move
 

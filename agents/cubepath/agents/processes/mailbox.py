@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
-from cubepath.agents.processes.judge import HeardMessage, Spoken
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.agents.processes.judge import Spoken
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import Bundle, Part, Presence, Verdict, encode
@@ -22,25 +22,24 @@ class Inbox:
     """The messages of other processes, each once."""
 
     def __init__(self) -> None:
-        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], HeardMessage]] = {}
+        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Bundle]] = {}
 
     def knows(self, said: Bundle) -> bool:
         """Return whether a message of that number is kept already, whatever it holds."""
         kept = self._heard.get((said.round, said.phase), ())
         return (said.region, said.process, said.number) in kept
 
-    def keep(self, heard: HeardMessage) -> None:
+    def keep(self, said: Bundle) -> None:
         """Keep a bundle."""
-        said = heard.said
         kept = self._heard.setdefault((said.round, said.phase), {})
-        kept[said.region, said.process, said.number] = heard
+        kept[said.region, said.process, said.number] = said
 
-    def kept(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
+    def kept(self, round_number: int, phase: Spoken) -> list[Bundle]:
         """Return the bundles of a phase, in an order that does not depend on their arrival."""
         kept = self._heard.get((round_number, phase), {})
         return [kept[key] for key in sorted(kept)]
 
-    def take(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
+    def take(self, round_number: int, phase: Spoken) -> list[Bundle]:
         """Return the bundles of a phase, and keep them no longer."""
         found = self.kept(round_number, phase)
         self._heard.pop((round_number, phase), None)
@@ -108,8 +107,8 @@ class Outbox:
     def _regions(self, part: Part) -> frozenset[str]:
         system = self._system
         if isinstance(part, Verdict):
-            return frozenset(system.region(site_from_json(place)) for place in part.to)
-        place = system.place_of(site_from_json(part.site))
+            return frozenset(system.region(place) for place in part.to)
+        place = system.place_of(part.site)
         return self._regions_of(place, sensed=isinstance(part, Presence))
 
     def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:

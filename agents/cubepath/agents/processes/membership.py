@@ -20,6 +20,7 @@ import zenoh
 
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Count, Name
 from cubepath.protocol.wire.sessions import routers_of, watch
@@ -128,7 +129,7 @@ def read_offer(data: bytes) -> ProcessConfig:
         found = msgspec.json.decode(data, type=JoinOffer)
         if found.protocol != PROTOCOL:
             raise InputError(_other(PROTOCOL, found.protocol))
-        return msgspec.json.decode(found.orders, type=ProcessConfig)
+        return msgspec.json.decode(found.orders, type=ProcessConfig, dec_hook=site_hook)
     except _NOT_DECODED as error:
         raise CheckError(f"not the orders of a process: {error}") from None
 

@@ -20,7 +20,6 @@ from cubepath.agents.processes.judge import (
     ASK_S_MIN,
     BEFORE,
     ORDER,
-    HeardMessage,
     Judge,
     RefusedError,
     Spoken,
@@ -30,7 +29,7 @@ from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.schedule import as_recorded, scheduled
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
@@ -212,16 +211,16 @@ class HostNode:
         counts = self._outbox.counts(phase)
         return Ready(self._round, self._config.process, phase, counts)
 
-    # What is heard.
+    # Incoming messages.
 
     def _hear(self, said: Bundle) -> list[Effect]:
         """Keep a bundle for the end of its phase; verdicts are given immediately."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
-        heard = self._judge.heard(said)
-        self._inbox.keep(heard)
+        self._judge.check(said)
+        self._inbox.keep(said)
         if said.phase == self._phase == "settle":
-            return self._conclude(self._tell_own(self._give(heard)))
+            return self._conclude(self._tell_own(self._give(said)))
         return self._try_to_begin()
 
     def _awaits(self, said: Bundle) -> bool:
@@ -238,17 +237,17 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, heard: HeardMessage) -> list[Part]:
+    def _give(self, said: Bundle) -> list[Part]:
         """Give modules what is addressed to their places; return what they say to it."""
-        there = self._within.get(heard.said.region)
+        there = self._within.get(said.region)
         found: list[Part] = []
         if there:
             system = self._system
-            for part, sender in zip(heard.said.parts, heard.senders, strict=True):
-                for place in addressees(system, part, sender):
+            for part in said.parts:
+                for place in addressees(system, part):
                     core = there.get(place)
                     if core is not None:
-                        found += core.hear(part, sender)
+                        found += core.hear(part)
         return found
 
     def _missing(self, go: Go) -> list[str]:
@@ -261,8 +260,8 @@ class HostNode:
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
         """Give modules everything that modules of other processes sent in a phase."""
-        for heard in self._inbox.take(round_number, phase):
-            self._give(heard)
+        for said in self._inbox.take(round_number, phase):
+            self._give(said)
 
     # Outgoing messages.
 
@@ -273,11 +272,10 @@ class HostNode:
         while queue:
             part = queue.popleft()
             said.append(part)
-            sender = site_from_json(part.site)
-            for place in addressees(self._system, part, sender):
+            for place in addressees(self._system, part):
                 core = self._there.get(place)
                 if core is not None:
-                    queue.extend(core.hear(part, sender))
+                    queue.extend(core.hear(part))
         return said
 
     # The phases.

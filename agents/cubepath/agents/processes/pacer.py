@@ -232,7 +232,7 @@ class Pacer:
         if self.idle:
             refuse("out of place", f"{kind_of(message)} of {_when(message)}, which is over")
         if isinstance(message, Bundle):
-            self._judge.heard(message)
+            self._judge.check(message)
         elif isinstance(message, Reports | Observations):
             self._judge.check_whole(message)
         if self._check is not None and not isinstance(message, Ready):

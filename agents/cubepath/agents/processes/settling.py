@@ -18,7 +18,7 @@ from cubepath.agents.local.arbitration import (
     waiting_for,
 )
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.messages import Report
 
 
@@ -81,6 +81,6 @@ class Settling:
                 taken |= {source: self.claims[module] for source, _ in self.claims[module].motion}
         for module, site in sites.items():
             due_site = site_after(site, [taken[site]] if site in taken else [])
-            if site_from_json(reports[module].site) != due_site:
+            if reports[module].site != due_site:
                 return module, f"report of module_{module}: the moves take it to {due_site!r}"
         return None

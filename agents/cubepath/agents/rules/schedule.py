@@ -21,7 +21,7 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.path_files.durations import OwnMoves
 
 SCHEDULE = "schedule"
@@ -43,9 +43,7 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
 
 
 def _follow(moves: OwnMoves) -> Rule:
-    due = {
-        number: (placed.generator, site_from_json(placed.at)) for number, placed in moves.items()
-    }
+    due = {number: (placed.generator, placed.at) for number, placed in moves.items()}
     rounds = 0
 
     def choose(view: View) -> int | Choice:
@@ -58,7 +56,7 @@ def _follow(moves: OwnMoves) -> Rule:
 
 def move_due(view: View, placed: GeneratorPlacement) -> Choice:
     """Return the choice of a move by its name; of none, with the reason, if it cannot be made."""
-    return _found(view, placed.generator, site_from_json(placed.at))
+    return _found(view, placed.generator, placed.at)
 
 
 def _found(view: View, generator: str, at: Site) -> Choice:

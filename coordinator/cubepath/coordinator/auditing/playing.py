@@ -37,7 +37,7 @@ from cubepath.coordinator.verification.parameters import (
     stages_in,
 )
 from cubepath.coordinator.verification.recording import verify
-from cubepath.coordinator.verification.transcript import Transcript, site_in
+from cubepath.coordinator.verification.transcript import Transcript
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.input_files import Source
@@ -60,7 +60,7 @@ class ScheduleParts:
     def __init__(self, system: System, cubes: Cubes) -> None:
         """Take the recorded schedule; obstacles do not change whose move it is."""
         self._cubes = cubes
-        placed = ((move.generator, site_in(move.at)) for cube in cubes for move in cube)
+        placed = ((move.generator, move.at) for cube in cubes for move in cube)
         try:
             self._system = system.with_moves((name, at) for name, at in placed if at is not None)
         except _NO_MOVE:
@@ -87,7 +87,7 @@ class ScheduleParts:
         return own, nobodys
 
     def _move(self, placed: GeneratorPlacement, where: dict[Site, int]) -> Move | None:
-        at = site_in(placed.at)
+        at = placed.at
         if at is None:
             return None
         try:
@@ -311,7 +311,7 @@ class RuleAudit:
         message = moment.said.said.get(("claim", module))
         said: _Named = None
         if isinstance(message, Claim):
-            said = message.generator, site_in(message.at)
+            said = message.generator, message.at
         silent = said is None and not self._system.reach(
             self._system.place_of(moment.sites[module])
         )
@@ -522,12 +522,12 @@ def _is_bare(turn: Turn) -> bool:
 
 def _compared(turn: Turn, choice: Choice) -> list[tuple[str, object, object]]:
     """Return what is recorded beside what the rule chose."""
-    exchanges = {site_in(place): list(note) for place, note in turn.exchanges}
+    exchanges = {place: list(note) for place, note in turn.exchanges}
     return [
         ("action", turn.action, choice.action),
         ("note", turn.note, None if choice.note is None else list(choice.note)),
-        ("guards", [site_in(each) for each in turn.guards], list(choice.guards)),
-        ("heeds", [site_in(each) for each in turn.heeds], list(choice.heeds)),
+        ("guards", list(turn.guards), list(choice.guards)),
+        ("heeds", list(turn.heeds), list(choice.heeds)),
         ("exchanges", exchanges, {at: list(note) for at, note in choice.exchanges.items()}),
         ("giving up", turn.failed, choice.failed),
     ]

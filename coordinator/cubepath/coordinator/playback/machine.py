@@ -24,9 +24,9 @@ from cubepath.coordinator.playback.timeline import (
     read_pace,
     read_spot,
 )
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import ROOT
 
@@ -147,8 +147,8 @@ class Position(msgspec.Struct, frozen=True, tag_field="kind", tag="position"):
     round: int
     time_s: float
     after: int
-    sites: list[Json]
-    modules: list[Json]
+    sites: list[Site]
+    modules: list[Site]
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -178,7 +178,7 @@ def read_order(name: str, given: Mapping[str, str]) -> Order:
         near = did_you_mean(name, ORDERS)
         raise InputError(f"unknown order {name!r}{near}, expected one of {', '.join(ORDERS)}")
     try:
-        found: Order = msgspec.convert(dict(given), kind, strict=False)
+        found: Order = msgspec.convert(dict(given), kind, strict=False, dec_hook=site_hook)
     except msgspec.ValidationError as error:
         fields = ", ".join(kind.__struct_fields__) or "no parameters"
         raise InputError(f"{name}: {error}; expected {fields}") from None

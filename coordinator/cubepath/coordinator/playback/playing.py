@@ -56,7 +56,7 @@ from cubepath.coordinator.playback.timeline import (
 from cubepath.coordinator.runs.asking import RunInfo, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.options import real_number, seconds
-from cubepath.protocol.core.sites import in_order, to_json
+from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -294,8 +294,8 @@ class ReplaySession:
             round=status.round,
             time_s=status.time_s,
             after=state.step,
-            sites=[to_json(site) for site in in_order(state.on)],
-            modules=[to_json(site) for site in state.sites],
+            sites=list(in_order(state.on)),
+            modules=list(state.sites),
         )
         put(self._mouth, position_key(self.run), msgspec.json.encode(position))
         if self._is_start(machine.mark):

@@ -23,7 +23,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record, kinds_of
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free, free_key
@@ -294,7 +294,7 @@ class RecordedStates:
                 known = told.setdefault(report.round, {})
                 known[report.module] = report
                 if len(known) == modules and report.round > 1:
-                    sites = tuple(site_from_json(known[n].before) for n in range(modules))
+                    sites = tuple(known[n].before for n in range(modules))
                     begun = tuple(one for _, one in sorted(found.get(report.round, {}).items()))
                     return self._state(report.round - 1, sites, begun)
                 if len(known) == modules:
@@ -312,7 +312,7 @@ class RecordedStates:
 
     def _of_reports(self, number: int, found: dict[int, dict[int, Report]]) -> StateAt:
         if number:
-            sites = tuple(site_from_json(each.site) for _, each in sorted(found[number].items()))
+            sites = tuple(each.site for _, each in sorted(found[number].items()))
         else:
             sites = self._scene.start
         following = found.get(number + 1, {})
@@ -340,7 +340,7 @@ class RecordedStates:
                 level = max(level, moved.level)
                 for module, _, to, version in moved.motion:
                     if module in modules and version > modules[module][1]:
-                        modules[module] = site_from_json(to), version
+                        modules[module] = to, version
             each = self._reel.next(Cursor(where.chunk, where.place + 1), _COMMITS)
         return self._state(level, tuple(modules[number][0] for number in sorted(modules)), ())
 
@@ -426,7 +426,7 @@ class SegmentComparison:
             return
         waiting = [each for each in gatherer.waiting() if each.round >= first]
         begun = sorted((each.module, each.before) for each in waiting if each.round == first)
-        start = tuple(site_from_json(site) for _, site in begun)
+        start = tuple(site for _, site in begun)
         self.end()
         self.resumed = True
         base, self._base = self._base, self._base + first - 1

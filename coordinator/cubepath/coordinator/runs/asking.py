@@ -21,10 +21,9 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.options import seconds
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.sessions import open_client
@@ -132,10 +131,10 @@ class Released(msgspec.Struct, frozen=True, array_like=True):
 
     level: int
     generator: str
-    at: Json
+    at: Site
 
 
-Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Json]]]
+Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Site]]]
 """Returns the moves from a place on, this many at most; called in any thread."""
 MOVES_MAX = 10_000
 """At most this many moves are answered at one time."""
@@ -144,7 +143,7 @@ MOVES_MAX = 10_000
 class _Answer(msgspec.Struct, frozen=True):
     run: str
     round: int
-    sites: list[Json]
+    sites: list[Site]
     moves: int
     cubes: int
     goal_reached: bool
@@ -201,7 +200,7 @@ class Answers:
     def _answer(self, query: zenoh.Query) -> None:
         # In a thread of zenoh; the status is never changed, only replaced.
         now = self._status
-        sites = [to_json(site) for site in now.sites]
+        sites = list(now.sites)
         answer = _Answer(self._run, now.round, sites, now.moves, now.cubes, now.goal_reached)
         query.reply(state_key(self._run), msgspec.json.encode(answer))
 
@@ -252,16 +251,14 @@ def ask(
         names = ", ".join(sorted(each.run for each in found))
         raise CheckError(f"{len(found)} runs answer at {endpoint}: expected one of {names}")
     (one,) = found
-    sites = tuple(map(site_from_json, one.sites))
+    sites = tuple(one.sites)
     return Status(one.round, sites, one.moves, one.cubes, one.goal_reached, None)
 
 
 def _read(sample: zenoh.Sample) -> _Answer | None:
     """Return the answer of a run; None for what others may say at a router that is open to all."""
     try:
-        found = msgspec.json.decode(sample.payload.to_bytes(), type=_Answer)
-        for site in found.sites:
-            site_from_json(site)
+        found = msgspec.json.decode(sample.payload.to_bytes(), type=_Answer, dec_hook=site_hook)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, CubepathError):
         return None
     return found if str(sample.key_expr) == state_key(found.run) else None
@@ -275,7 +272,9 @@ def ask_path(session: zenoh.Session, run: str, begin: int, timeout_s: float) -> 
     for each in session.get(f"{path_key(run)}?from={begin}", timeout=timeout_s):
         if each.ok is not None and str(each.ok.key_expr) == path_key(run):
             try:
-                return msgspec.json.decode(each.ok.payload.to_bytes(), type=list[Released])
+                return msgspec.json.decode(
+                    each.ok.payload.to_bytes(), type=list[Released], dec_hook=site_hook
+                )
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 return []
     return []

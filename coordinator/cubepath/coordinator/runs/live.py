@@ -42,7 +42,7 @@ from cubepath.coordinator.verification.parameters import RuleStage, spans, stage
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Claim, Note, Part, Report, Verdict
 
@@ -380,13 +380,13 @@ def _content(said: Part | Report | None) -> object:
         case Note():
             return tuple(said.note)
         case Claim():
-            return said.generator, site_from_json(said.at)
+            return said.generator, said.at
         case Verdict():
-            return said.granted, frozenset(map(site_from_json, said.to))
+            return said.granted, frozenset(said.to)
         case Report():
             move = None if said.move is None else (said.move.generator, said.move.at)
-            at = None if move is None else site_from_json(move[1])
-            sites = site_from_json(said.before), site_from_json(said.site)
+            at = None if move is None else move[1]
+            sites = said.before, said.site
             return said.claim, move and move[0], at, sites, said.failed
         case _:
             return None
@@ -401,13 +401,13 @@ def _text(said: Part | Report | None, kind: str) -> str:
             return f"claims {move_text(GeneratorPlacement(said.generator, said.at))}"
         case Verdict():
             how = "granted" if said.granted else "lost"
-            to = ", ".join(map(site_text, in_order(map(site_from_json, said.to))))
+            to = ", ".join(map(site_text, in_order(said.to)))
             return f"says that its claim is {how}, to {to}"
         case Report():
             gave_up = "" if said.failed is None else f", gives up: {said.failed}"
             return (
                 f"reports {said.claim}, {move_text(said.move)}, and stands at"
-                f" {site_text(site_from_json(said.site))}{gave_up}"
+                f" {site_text(said.site)}{gave_up}"
             )
         case _:
             return {"note": "notes nothing", "claim": "claims nothing"}.get(kind, f"no {kind}")

@@ -25,7 +25,7 @@ from cubepath.coordinator.verification.parameters import (
 from cubepath.coordinator.verification.partial import hole_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import site_from_json, site_text
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import process_name
 from cubepath.protocol.wire.messages import (
@@ -194,4 +194,4 @@ def move_text(move: GeneratorPlacement | None) -> str:
     """Return a move as text for people."""
     if move is None:
         return "no move"
-    return f"{move.generator} at {site_text(site_from_json(move.at))}"
+    return f"{move.generator} at {site_text(move.at)}"

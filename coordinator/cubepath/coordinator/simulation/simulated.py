@@ -32,7 +32,7 @@ from cubepath.coordinator.simulation.network import EndlessRun, NodeError, Simul
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
@@ -355,7 +355,7 @@ class _Run:
         """Compare a round of the edge path with that of a run without faults."""
         if edges.round > len(self._expected):
             return Failure("path", f"round {edges.round} is one more than without faults")
-        found = [(move.module, move.generator, site_from_json(move.at)) for move in edges.moves]
+        found = [(move.module, move.generator, move.at) for move in edges.moves]
         expected = self._expected[edges.round - 1]
         if found == expected:
             return None

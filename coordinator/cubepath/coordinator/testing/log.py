@@ -22,7 +22,6 @@ from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -51,7 +50,7 @@ class ClaimOutcome:
     round: int | None
     module: int
     generator: str
-    at: Json
+    at: Site
     result: Result
     why: str = ""
 
@@ -63,7 +62,7 @@ class ExecutedMove:
     round: int
     module: int
     generator: str
-    at: Json
+    at: Site
 
 
 class RunLog:

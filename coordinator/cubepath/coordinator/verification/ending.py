@@ -19,7 +19,6 @@ from cubepath.coordinator.verification.transcript import (
     RecordedRound,
     ScheduledRound,
     Transcript,
-    site_in,
 )
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -218,7 +217,7 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
 
 
 def _moves(placed: Iterable[GeneratorPlacement]) -> Made:
-    return frozenset((move.generator, site_in(move.at)) for move in placed)
+    return frozenset((move.generator, move.at) for move in placed)
 
 
 def _check_cube(

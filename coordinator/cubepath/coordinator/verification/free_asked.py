@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, Names
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -81,17 +80,14 @@ class AskedAttempts:
         return True
 
     def _take_content(self, place: int, attempt: Attempt) -> None:
-        sensed = {
-            site_in(unit): None if shown is None else site_in(shown)
-            for unit, shown in attempt.sensed
-        }
+        sensed = dict(attempt.sensed)
         notes = {
-            site_in(place): (tuple(shown), None if new is None else tuple(new))
+            place: (tuple(shown), None if new is None else tuple(new))
             for place, shown, new in attempt.notes
         }
         content = AskedContent(
-            site_in(attempt.site),
-            None if attempt.generator is None else (attempt.generator, site_in(attempt.at)),
+            attempt.site,
+            None if attempt.generator is None else (attempt.generator, attempt.at),
             frozenset(sensed.items()),
             frozenset(notes.items()),
         )

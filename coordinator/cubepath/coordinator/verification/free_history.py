@@ -31,9 +31,9 @@ from cubepath.coordinator.verification.free_units import (
     units_of,
 )
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Json, Move
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Commit, Register
@@ -183,7 +183,7 @@ class LevelPath(NamedTuple):
     """The mover of each."""
     numbers: NDArray[np.int32]
     """Which of `known` each is."""
-    known: Sequence[tuple[str, Json, Action]]
+    known: Sequence[tuple[str, Site, Action]]
     """Each generator with its place, as recorded, and the action."""
 
     @property
@@ -242,7 +242,7 @@ class History:
         }
         self._start = {**self._standing}, {**self._module_at}
         self._known: dict[tuple[str, bytes], int] = {}
-        self._moves: list[tuple[str, Json, Action]] = []
+        self._moves: list[tuple[str, Site, Action]] = []
         self._carried = array("i"), array("q"), array("q"), array("i")
         """The moves as they were carried out: commit, level, module, and which move it is."""
         self.units_of = lru_cache(maxsize=_KEPT)(partial(units_of, self.system))
@@ -341,7 +341,7 @@ class History:
         return found
 
     def _sort(self, number: int, moved: Commit, units: UnitAccesses, modules: UnitAccesses) -> None:
-        def add(value: Json, version: int, what: int) -> None:
+        def add(value: Site, version: int, what: int) -> None:
             unit = unit_in(self.system, value)
             if unit is None:
                 self._fail("units", f"{commit_text(moved)}: {value!r} is no unit")
@@ -442,7 +442,7 @@ class History:
             return
         self._check_motion(moved, move)
         reads, writes = self.units_of(move.action)
-        told = [site_in(unit) for unit, _ in moved.read], [site_in(u) for u, *_ in moved.written]
+        told = [unit for unit, _ in moved.read], [u for u, *_ in moved.written]
         for what, due, found in (("reads", reads, told[0]), ("writes", writes, told[1])):
             if frozenset(found) != due or len(found) != len(due):
                 self._fail("units", f"{commit_text(moved)} {what} other units than its move does")
@@ -470,7 +470,7 @@ class History:
 
     def _named(self, moved: Commit) -> Move | None:
         """Return the move of a commit from where its module stands."""
-        at = site_in(moved.at)
+        at = moved.at
         if not 0 <= moved.module < len(self.sites) or at is None:
             return None
         for move in self.system.moves(self.sites[moved.module]):
@@ -479,12 +479,12 @@ class History:
         return None
 
     def _check_motion(self, moved: Commit, move: Move) -> None:
-        told = [(site_in(source), site_in(target)) for _, source, target, _ in moved.motion]
+        told = [(source, target) for _, source, target, _ in moved.motion]
         if told != list(move.motion) or moved.motion[0][0] != moved.module:
             self._fail("sites", f"{commit_text(moved)}: its motion is not that of its move")
             return
         for module, source, _, _ in moved.motion:
-            if not 0 <= module < len(self.sites) or self.sites[module] != site_in(source):
+            if not 0 <= module < len(self.sites) or self.sites[module] != source:
                 name = commit_text(moved)
                 self._fail("sites", f"{name} takes module_{module} from where it does not stand")
 

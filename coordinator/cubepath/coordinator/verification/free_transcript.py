@@ -25,13 +25,7 @@ from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, NumberTable, PackedCommits
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
-from cubepath.coordinator.verification.transcript import (
-    Fail,
-    SharedMoves,
-    Transcript,
-    is_cut_off,
-    site_in,
-)
+from cubepath.coordinator.verification.transcript import Fail, SharedMoves, Transcript, is_cut_off
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
@@ -286,7 +280,7 @@ class FreeReading:
             if isinstance(part, Held):
                 self._shown(part.parts)
             elif isinstance(part, Entered):
-                occupant, site = part.occupant, site_in(part.site)
+                occupant, site = part.occupant, part.site
                 if site is not None:
                     self.found.stands.setdefault((occupant.module, occupant.epoch), site)
 
@@ -294,7 +288,7 @@ class FreeReading:
         """Note the versions shown; `once` each place counts in a message."""
         seen: set[Site] = set()
         for part in parts:
-            place = site_in(part.place)
+            place = part.place
             try:
                 if place is None or not self._system.has_place(place) or place in seen:
                     continue

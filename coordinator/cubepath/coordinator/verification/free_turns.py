@@ -21,7 +21,6 @@ from cubepath.coordinator.verification.free_transcript import (
 )
 from cubepath.coordinator.verification.free_units import NO_SITE, on_unit
 from cubepath.coordinator.verification.number_table import Name
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import Register, Turn, Turns
@@ -169,7 +168,7 @@ class TurnsOfModules:
         system = self._system
         fresh = self._follows(turn, at)
         standing = self._history.module(turn.module, turn.version)
-        site = site_in(turn.site)
+        site = turn.site
         if standing is None or standing.site != site:
             where = f"at {turn.site!r} at version {turn.version}"
             self._fail("turns", f"{turn_text(turn)}: it does not stand {where}")
@@ -338,11 +337,9 @@ class TurnsOfModules:
         place = system.place_of(seen.site)
         move = self._chosen(seen)
         notes: dict[Site | None, tuple[Register, Register | None]] = {}
-        for value in turn.heeds:
-            at = site_in(value)
+        for at in turn.heeds:
             notes[at] = _register(seen, place, at), None
-        for value, new in turn.exchanges:
-            at = site_in(value)
+        for at, new in turn.exchanges:
             notes[at] = _register(seen, place, at), new
         if turn.note is not None:
             notes[place] = seen.register, None if turn.note == seen.register else turn.note
@@ -373,8 +370,7 @@ class TurnsOfModules:
     def _guards(self, seen: TurnView) -> set[Site]:
         system = self._system
         found: set[Site] = set()
-        for value in seen.turn.guards:
-            at = site_in(value)
+        for at in seen.turn.guards:
             if at is None or not system.has_place(at):
                 continue
             there = seen.standing.get(at)

@@ -133,7 +133,7 @@ _KEPT = 256
 """This many commits are kept as they were decoded: the numbers of one stand close together."""
 _pack = msgspec.msgpack.Encoder().encode
 _row: Any = tuple[tuple(each.type for each in fields(Commit))]  # type: ignore[misc]  # by its fields
-_unpack = msgspec.msgpack.Decoder(_row).decode
+_unpack = msgspec.msgpack.Decoder(_row, dec_hook=site_hook).decode
 
 
 class PackedCommits(Sequence[Commit]):

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from cubepath.coordinator.verification.partial import whole_rounds
 from cubepath.coordinator.verification.transcript import RECOVERED
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.sites import Site, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cutting import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
@@ -147,12 +147,12 @@ def _silent(recording: Recording, reported: Mapping[int, set[int]]) -> Iterator[
         yield f"{who}: no report in {rounds} rounds; the system has {modules} modules"
 
 
-def _report(recording: Recording, where: str, module: int, begins: Json | None) -> Iterator[str]:
+def _report(recording: Recording, where: str, module: int, begins: Site | None) -> Iterator[str]:
     start = recording.scene.start
     if module >= len(start):
         yield f"{where}, module_{module}: the system has {len(start)} modules"
         return
-    found: Site | None = None if begins is None else site_from_json(begins)
+    found: Site | None = begins
     if found is not None and found != start[module]:
         yield (
             f"{where}, module_{module}: begins at {site_text(found)}, in the system at"

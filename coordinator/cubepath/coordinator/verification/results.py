@@ -20,7 +20,7 @@ from cubepath.coordinator.verification.findings import (
 )
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -86,7 +86,7 @@ def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
     found = []
     for placed in cube.moves:
         try:
-            found.append(scene.system.action(placed.generator, site_in(placed.at)))
+            found.append(scene.system.action(placed.generator, placed.at))
         except InputError as error:
             fail("normal", f"cube {cube.index}: {error}")
             return None

@@ -12,9 +12,9 @@ from typing import NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.cutting import whole_of
 from cubepath.protocol.recordings.description import ATTACHED
@@ -158,7 +158,7 @@ class SharedMoves:
         return replace(cube, moves=[*map(self._shared, cube.moves)])
 
     def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
-        at = site_in(placed.at)
+        at = placed.at
         return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
 
 
@@ -327,17 +327,9 @@ class Sorting:
 def _carried(reports: Mapping[int, Report]) -> ScheduledRound:
     moves = (report.move for report in reports.values())
     return ScheduledRound(
-        frozenset((move.generator, site_in(move.at)) for move in moves if move is not None),
+        frozenset((move.generator, move.at) for move in moves if move is not None),
         tuple((n, each.failed) for n, each in reports.items() if each.failed is not None),
     )
-
-
-def site_in(value: Json) -> Site | None:
-    """Return the site in a message, or None, which is never a site, if it is malformed."""
-    try:
-        return site_from_json(value)
-    except InputError:
-        return None
 
 
 def _message(record: Record, fail: Fail) -> Message | None:

@@ -52,6 +52,19 @@ def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
     raise InputError(f"a site is a JSON number, string or list, found {found}")
 
 
+def site_hook(kind: type, value: object) -> Site:
+    """Decode a field of type `Site`: the ``dec_hook`` of every decoder of structs with sites.
+
+    Raises ValueError, which msgspec reports with the place of the field.
+    """
+    if kind is not Hashable:
+        raise NotImplementedError(f"no field of type {kind} can be decoded")
+    try:
+        return site_from_json(value)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
 def sites_from_json(values: Iterable[object]) -> tuple[Site, ...]:
     """Return the sites that JSON values stand for; errors as `site_from_json`."""
     return tuple(site_from_json(value) for value in values)

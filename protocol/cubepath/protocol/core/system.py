@@ -28,9 +28,9 @@ from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Catalogue, Json, Move
+from cubepath.protocol.core.catalogue import Catalogue, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -64,7 +64,7 @@ class Placed(Protocol):
         ...
 
     @property
-    def at(self) -> Json:
+    def at(self) -> Site:
         """Where it is placed."""
         ...
 
@@ -210,7 +210,7 @@ class System(ABC):
 
     def read_action(self, placed: Placed) -> Action:
         """Return the action of a generator and a place in JSON form; InputError if unknown."""
-        return self.action(placed.generator, site_from_json(placed.at))
+        return self.action(placed.generator, placed.at)
 
     def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
         """Return the move of this generator and place whose mover is a module at `site`.

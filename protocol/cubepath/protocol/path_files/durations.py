@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.path_files.moves import (
     CubeLine,
     CubeName,
@@ -91,7 +91,7 @@ class Durations:
 
 
 def _place(name: GeneratorPlacement) -> tuple[str, Site]:
-    return name.generator, site_from_json(name.at)
+    return name.generator, name.at
 
 
 def time_from(value: Number) -> Fraction:
@@ -175,7 +175,7 @@ def read_durations(source: Source) -> Durations:
     try:
         is_json = file.path.suffix.lower() == ".json"
         found = _json(text) if is_json else parsed_toml(text, Decimal)
-        return _durations(msgspec.convert(found, _File))
+        return _durations(msgspec.convert(found, _File, dec_hook=site_hook))
     except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
@@ -203,7 +203,7 @@ def _durations(found: _File) -> Durations:
     placed: dict[tuple[str, Site], Fraction] = {}
     for number, move in enumerate(found.moves, 1):
         try:
-            key = move.generator, site_from_json(_exact(move.at))
+            key = move.generator, _exact(move.at)
         except InputError as error:
             raise InputError(f"moves {number}.at: {error}") from None
         if key in placed:
@@ -236,7 +236,7 @@ OwnMoves: TypeAlias = Mapping[int, GeneratorPlacement]
 """A module's own part of a schedule: by round, the move of which it is the mover."""
 
 _encoder = msgspec.json.Encoder()
-_decoder = msgspec.json.Decoder(CubeLine)
+_decoder = msgspec.json.Decoder(CubeLine, dec_hook=site_hook)
 
 
 def schedule_to_jsonl(cubes: Iterable[Iterable[GeneratorPlacement]]) -> bytes:
@@ -271,10 +271,6 @@ def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlace
                 f"cube {number}: move {named} is named by an id, expected generator and place:"
                 " a module has to know what to do"
             )
-        try:
-            site_from_json(move.at)
-        except InputError as error:
-            raise InputError(f"cube {number}: {error}") from None
         found.append(move)
     return tuple(found)
 
@@ -287,7 +283,7 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     move: CubeName
 
 
-_line = msgspec.json.Decoder(TimedLine).decode
+_line = msgspec.json.Decoder(TimedLine, dec_hook=site_hook).decode
 
 
 def read_timetable(source: Source) -> Iterator[TimedLine]:

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_from_json, site_hook
 from cubepath.protocol.path_files.moves import NAME, CubeName, MoveName, named_action
 from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath
 from cubepath.protocol.path_files.supports import (
@@ -178,8 +178,8 @@ _MAGIC = b"PK\x03\x04"
 _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
-_names = msgspec.json.Decoder(list[str | int | GeneratorPlacement]).decode
-_values = msgspec.json.Decoder(list[Json]).decode
+_names = msgspec.json.Decoder(list[str | int | GeneratorPlacement], dec_hook=site_hook).decode
+_values = msgspec.json.Decoder(list[Any]).decode
 Arrays = Mapping[str, NDArray[Any]]
 
 

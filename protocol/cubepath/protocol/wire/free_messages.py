@@ -20,7 +20,7 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import Json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
@@ -62,12 +62,12 @@ class Attempt(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     epoch: Count
     number: Count
     turn: Count
-    site: Json
+    site: Site
     generator: Name | None = None
-    at: Json | None = None
-    sensed: list[tuple[Json, Json]] = []
-    notes: list[tuple[Json, Register, Register | None]] = []
-    after: list[tuple[Json, Count, Count | None]] = []
+    at: Site | None = None
+    sensed: list[tuple[Site, Site | None]] = []
+    notes: list[tuple[Site, Register, Register | None]] = []
+    after: list[tuple[Site, Count, Count | None]] = []
 
 
 class EnterRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
@@ -92,7 +92,7 @@ class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
     module: Count
     epoch: Count
     number: Count
-    places: list[Json]
+    places: list[Site]
     ticks: Annotated[int, msgspec.Meta(ge=0, le=HOLD_TICKS_MAX)]
 
 
@@ -138,12 +138,12 @@ class Commit(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", 
     turn: Count
     level: Count
     generator: Name | None = None
-    at: Json | None = None
-    read: list[tuple[Json, Count]] = []
-    written: list[tuple[Json, Count, Count]] = []
-    guarded: list[tuple[Json, Count]] = []
-    motion: list[tuple[Count, Json, Json, Count]] = []
-    notes: list[tuple[Json, Count, Count, Register | None]] = []
+    at: Site | None = None
+    read: list[tuple[Site, Count]] = []
+    written: list[tuple[Site, Count, Count]] = []
+    guarded: list[tuple[Site, Count]] = []
+    motion: list[tuple[Count, Site, Site, Count]] = []
+    notes: list[tuple[Site, Count, Count, Register | None]] = []
 
 
 class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
@@ -157,11 +157,11 @@ class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
     attempt: Attempt
     process: Count
     level: Count
-    read: list[tuple[Json, Count]]
-    written: list[tuple[Json, Count, Count]]
-    guarded: list[tuple[Json, Count]]
+    read: list[tuple[Site, Count]]
+    written: list[tuple[Site, Count, Count]]
+    guarded: list[tuple[Site, Count]]
     occupants: list[Occupant | None]
-    noted: list[tuple[Json, Occupant]]
+    noted: list[tuple[Site, Occupant]]
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="decision"):
@@ -176,7 +176,7 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind"
     number: Count
     reason: _Line = ""
     commit: Commit | None = None
-    occupants: list[tuple[Json, Occupant]] = []
+    occupants: list[tuple[Site, Occupant]] = []
 
 
 class Inquiry(msgspec.Struct, frozen=True, tag_field="kind", tag="inquiry"):
@@ -203,20 +203,20 @@ class PlaceState(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kin
     how many moves have read that.
     """
 
-    place: Json
+    place: Site
     version: Count
-    site: Json | None = None
+    site: Site | None = None
     module: Count | None = None
     note: Register = []
     module_version: Count = 0
-    reads: list[tuple[Json, Count, Count]] = []
+    reads: list[tuple[Site, Count, Count]] = []
 
 
 class Entered(msgspec.Struct, frozen=True, tag_field="kind", tag="entered"):
     """The answer to `EnterRequest`: where the module stands, and the epoch in which it may act."""
 
     incarnation: Count
-    site: Json
+    site: Site
     occupant: Occupant
 
 
@@ -287,15 +287,15 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
     module: Count
     epoch: Count
     turn: Count
-    site: Json
+    site: Site
     version: Count
     sensed: list[int]
     action: Count
     received: list[tuple[int, int]] = []
     note: Register | None = None
-    guards: list[Json] = []
-    heeds: list[Json] = []
-    exchanges: list[tuple[Json, Register]] = []
+    guards: list[Site] = []
+    heeds: list[Site] = []
+    exchanges: list[tuple[Site, Register]] = []
     number: Count | None = None
     failed: _Line | None = None
 
@@ -349,7 +349,7 @@ class CommitLog(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind
     keeper: Count
     serial: Count
     parts: list[Commit]
-    units: list[tuple[Json, Count, Count, Count, Json]]
+    units: list[tuple[Site, Count, Count, Count, Site | None]]
     refused: Count
     prepared: Count
     incarnation: Count = 0
@@ -392,7 +392,7 @@ FREE_KINDS: dict[str, type[msgspec.Struct]] = {
 Numbered: TypeAlias = Requests | Forwards | Replies | TileUpdate | Turns
 """The messages that their senders number."""
 
-_decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage)
+_decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage, dec_hook=site_hook)
 
 
 def decode_free(data: bytes) -> FreeMessage:

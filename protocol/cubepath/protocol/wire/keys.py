@@ -24,7 +24,7 @@ from functools import lru_cache
 from typing import ClassVar
 from zlib import crc32
 
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Bundle,
@@ -112,20 +112,15 @@ def _square(numbers: Iterable[int]) -> str:
 ROOT = "cubepath"
 
 
-def addressees(system: System, message: Message, sender: Site | None = None) -> tuple[Site, ...]:
-    """Return the places that a message of a module is addressed to.
-
-    `sender` is the site in the message, if it was read from it already.
-    """
+def addressees(system: System, message: Message) -> tuple[Site, ...]:
+    """Return the places that a message of a module is addressed to."""
     match message:
         case Presence(site=site):
-            at = site_from_json(site) if sender is None else sender
-            return system.listeners(system.place_of(at))
+            return system.listeners(system.place_of(site))
         case Note(site=site) | Claim(site=site):
-            at = site_from_json(site) if sender is None else sender
-            return system.reach(system.place_of(at))
+            return system.reach(system.place_of(site))
         case Verdict(to=to):
-            return tuple(site_from_json(place) for place in to)
+            return tuple(to)
         case _:
             return ()
 

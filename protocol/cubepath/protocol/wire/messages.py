@@ -18,8 +18,9 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.path_files.certificates import Certificate
 
 MESSAGE_BYTES_MAX = 1 << 24
@@ -36,7 +37,7 @@ class Presence(msgspec.Struct, frozen=True, tag_field="kind", tag="presence"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
 
 
 class Note(msgspec.Struct, frozen=True, tag_field="kind", tag="note"):
@@ -44,7 +45,7 @@ class Note(msgspec.Struct, frozen=True, tag_field="kind", tag="note"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     note: list[NoteNumber]
 
 
@@ -53,9 +54,9 @@ class Claim(msgspec.Struct, frozen=True, tag_field="kind", tag="claim"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     generator: Name
-    at: Json
+    at: Site
 
 
 class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
@@ -63,9 +64,9 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     granted: bool
-    to: list[Json]
+    to: list[Site]
 
 
 class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
@@ -78,8 +79,8 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
 
     round: Count
     module: Count
-    before: Json
-    site: Json
+    before: Site
+    site: Site
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
     received: dict[Name, list[Count]]
@@ -247,7 +248,7 @@ class Executed(msgspec.Struct, frozen=True):
 
     module: Count
     generator: Name
-    at: Json
+    at: Site
 
 
 class Edges(msgspec.Struct, frozen=True, tag_field="kind", tag="edges"):
@@ -356,7 +357,7 @@ KINDS: dict[str, type[Message]] = {
     "summary": Summary,
 }
 
-_decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
+_decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)
 encode = msgspec.json.Encoder().encode
 
 

@@ -23,6 +23,7 @@ import msgspec
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.credentials import GUEST, Credentials, discard
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
@@ -50,7 +51,7 @@ def serve(
     """Read the configuration and work; print one line and return `TOLD` on failure."""
     # The coordinator handles interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
+    config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind, dec_hook=site_hook)
     threading.Thread(target=_end_with_parent, args=(endpoint_of(config),), daemon=True).start()
     try:
         work(config)

@@ -40,7 +40,6 @@ from cubepath.coordinator.tools.comparison.told import (
     RunComparison,
 )
 from cubepath.coordinator.verification.choices import Observing
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -227,7 +226,7 @@ _Named = tuple[int, str, Site]
 def _by_level(run: CommitGraph) -> dict[int, list[_Named]]:
     found: dict[int, list[_Named]] = {}
     for moved, _ in run.moves():
-        named = moved.module, str(moved.generator), site_in(moved.at)
+        named = moved.module, str(moved.generator), moved.at
         found.setdefault(moved.level, []).append(named)
     return found
 
@@ -289,7 +288,7 @@ def _paths_of(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> Pat
 
 
 def _action(moved: Commit, action: Action) -> Action:
-    place = site_in(moved.at)
+    place = moved.at
     if moved.generator is None or place is None:
         return action
     return named(action, moved.generator, place)
@@ -391,7 +390,7 @@ def _play(
 
 
 def _recorded(run: CommitGraph, turn: Turn) -> _Chosen:
-    site = site_in(turn.site)
+    site = turn.site
     move = None
     if site is not None and turn.action:
         moves = run.history.system.moves(site)
@@ -401,9 +400,9 @@ def _recorded(run: CommitGraph, turn: Turn) -> _Chosen:
         move,
         None if turn.note is None else tuple(turn.note),
         turn.failed,
-        tuple(map(site_in, turn.guards)),
-        tuple(map(site_in, turn.heeds)),
-        {site_in(place): tuple(note) for place, note in turn.exchanges},
+        tuple(turn.guards),
+        tuple(turn.heeds),
+        {place: tuple(note) for place, note in turn.exchanges},
     )
 
 

@@ -13,7 +13,7 @@ from typing import TypeAlias
 from cubepath.coordinator.tools.comparison.moves import ODD_MAX, action_text, cut_text
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
-from cubepath.coordinator.verification.transcript import is_cut_off, site_in
+from cubepath.coordinator.verification.transcript import is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
@@ -134,7 +134,7 @@ class CommitGraph:
         elif isinstance(part, Commit):
             self._moved(part)
         elif isinstance(part, Entered):
-            site = site_in(part.site)
+            site = part.site
             if site is not None:
                 self._entered.setdefault((part.occupant.module, part.occupant.epoch), site)
 
@@ -204,7 +204,7 @@ class CommitGraph:
         for name, turn in sorted(self.turns.get(moved.module, {}).items()):
             if name > (moved.epoch, moved.turn):
                 return
-            site = site_in(turn.site)
+            site = turn.site
             born = self._entered.get((turn.module, turn.epoch), site)
             if born is not None:
                 yield turn, turn.epoch != epoch, born
@@ -213,7 +213,7 @@ class CommitGraph:
     def shown(self, turn: Turn) -> ShownInTurn | None:
         """Return what a rule was shown in a turn, None if its versions are not recorded."""
         history, system = self.history, self.history.system
-        site = site_in(turn.site)
+        site = turn.site
         standing = history.module(turn.module, turn.version)
         if site is None or standing is None:
             return None
@@ -277,9 +277,8 @@ class _Links:
         finds: list[tuple[object, int]] = []
         found: set[int] = set()
         for value, version in (*moved.read, *moved.guarded):
-            finds.append((site_in(value), version))
-        for value, version, _ in moved.written:
-            unit = site_in(value)
+            finds.append((value, version))
+        for unit, version, _ in moved.written:
             finds.append((unit, version))
             found.update(self._read.get((unit, version), ()))
         for module, version in held_by(moved).items():
@@ -289,9 +288,9 @@ class _Links:
         known = all(version <= 0 or (what, version) in self._wrote for what, version in finds)
         found.update(self._wrote[each] for each in finds if each in self._wrote)
         for value, version in moved.read:
-            self._read.setdefault((site_in(value), version), []).append(name)
+            self._read.setdefault((value, version), []).append(name)
         for value, version, _ in moved.written:
-            self._wrote[site_in(value), version + 1] = name
+            self._wrote[value, version + 1] = name
         for module, version in changed_by(moved).items():
             self._wrote[("module", module), version] = name
         return found - {name} if known else None
@@ -299,5 +298,5 @@ class _Links:
 
 def _content(moved: Commit) -> tuple[object, ...]:
     notes = tuple((module, tuple(note)) for _, module, _, note in moved.notes if note is not None)
-    at = None if moved.generator is None else site_in(moved.at)
+    at = None if moved.generator is None else moved.at
     return moved.generator, at, notes

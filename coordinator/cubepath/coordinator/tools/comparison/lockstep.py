@@ -20,8 +20,7 @@ from cubepath.coordinator.tools.comparison.told import (
 )
 from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
-from cubepath.coordinator.verification.transcript import RecordedRound, site_in
-from cubepath.protocol.core.catalogue import Json
+from cubepath.coordinator.verification.transcript import RecordedRound
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
@@ -288,7 +287,7 @@ class ModuleStates:
             for module, report in reports.items():
                 if report.site == report.before:
                     continue
-                site = site_in(report.site)
+                site = report.site
                 if site is not None and site != sites[module]:
                     self._count(sites[module], 2 * side - 1)
                     self._count(site, 1 - 2 * side)
@@ -345,7 +344,7 @@ def _place(key: tuple[str, int]) -> tuple[int, int]:
     return _KINDS.index(key[0]), key[1]
 
 
-def _told(message: Any) -> dict[str, Json] | None:
+def _told(message: Any) -> dict[str, Any] | None:
     """Return the fields of a message."""
     return None if message is None else msgspec.to_builtins(message)
 
@@ -373,9 +372,9 @@ def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
     claim, report = this.said.get(("claim", module)), this.reports.get(module)
     failed = None if report is None else report.failed
     if isinstance(claim, Claim):
-        return (claim.generator, site_in(claim.at)), failed
+        return (claim.generator, claim.at), failed
     if report is not None and report.move is not None:
-        return (report.move.generator, site_in(report.move.at)), failed
+        return (report.move.generator, report.move.at), failed
     return None, failed
 
 
@@ -396,7 +395,7 @@ def _outcome(this: RecordedRound, module: int) -> str | None:
     return None if report is None else report.claim
 
 
-def _moves(this: RecordedRound) -> dict[int, tuple[str, Json]]:
+def _moves(this: RecordedRound) -> dict[int, tuple[str, Any]]:
     return {
         module: (report.move.generator, report.move.at)
         for module, report in this.reports.items()

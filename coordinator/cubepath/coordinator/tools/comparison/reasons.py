@@ -34,7 +34,7 @@ from cubepath.coordinator.tools.comparison.told import (
     OutcomeDifference,
 )
 from cubepath.coordinator.verification.rounds import rank
-from cubepath.coordinator.verification.transcript import RecordedRound, site_in
+from cubepath.coordinator.verification.transcript import RecordedRound
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -303,7 +303,7 @@ def _claims(said: RecordedRound, system: System) -> _Claims:
     for (kind, module), message in said.said.items():
         if kind != "claim" or not isinstance(message, Claim):
             continue
-        at: Any = site_in(message.at)  # what is none is none of the system
+        at: Any = message.at  # what is none is none of the system
         try:
             action = system.action(message.generator, at)
         except (InputError, TypeError, ValueError, IndexError):

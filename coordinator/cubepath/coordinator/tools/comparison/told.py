@@ -13,7 +13,6 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.coordinator.verification.parameters import stages_of
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.formatting import counted, visible
 
 Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "record", "unknown"]
@@ -45,8 +44,8 @@ class MessageDifference:
     round: int
     kind: str
     module: int | None
-    a: dict[str, Json] | None
-    b: dict[str, Json] | None
+    a: dict[str, Any] | None
+    b: dict[str, Any] | None
     fields: tuple[str, ...]
 
 
@@ -475,7 +474,7 @@ def _equal(difference: str | None, word: str) -> str:
     return word if difference is None else f"not {word}: {difference}"
 
 
-def message_text(kind: str, fields: dict[str, Json] | None) -> str:
+def message_text(kind: str, fields: dict[str, Any] | None) -> str:
     """Return a message in one line, empty if there is none."""
     if fields is None:
         return ""
@@ -488,6 +487,6 @@ def message_text(kind: str, fields: dict[str, Json] | None) -> str:
     return f"{kind}{who}: {' '.join(inside)}"
 
 
-def field_text(value: Json) -> str:
+def field_text(value: Any) -> str:
     """Return the value of a field as JSON."""
     return msgspec.json.encode(value).decode()

@@ -46,7 +46,7 @@ from cubepath.coordinator.tools.viewing.run_view import (
 )
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -177,7 +177,7 @@ class ClaimListener:
         if step < 1 or said.module >= self._count or key in self._step_of:
             return
         try:
-            at, site = site_from_json(said.at), site_from_json(said.site)
+            at, site = said.at, said.site
             self._world.scene.system.move_named(site, str(said.generator), at)
         except _NO_SITE:
             return
