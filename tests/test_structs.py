@@ -14,7 +14,7 @@ from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import parts_said, schema_of
 from filled import TEXT, all_structs, filled
 
-IN_MEMORY = {"HeardMessage of judge", "Status of asking", "TappedMessage of listeners"}
+IN_MEMORY = {"Status of asking", "TappedMessage of listeners"}
 """What never leaves its process, and may hold what is no JSON."""
 ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each in all_structs()}
 OPEN = {

@@ -137,7 +137,9 @@ def test_a_unit_that_a_keeper_knows_later_than_was_gathered_is_named() -> None:
     found = FreeGatherer(scene, KEEPERS)
     found.tail(replace(tail, parts=[], serial=0))
     unit, version, *_ = next(each for each in tail.units if each[1])
-    assert f"at version {version}" in next(line for line in found.lacking() if str(unit[0]) in line)
+    assert f"at version {version}" in next(
+        line for line in found.lacking() if site_text(unit) in line
+    )
 
 
 def _written(moved: Commit, version: int, reads: int) -> Commit:

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias, overload
 import msgspec
 from msgspec.structs import astuple, fields
 
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.free_messages import Commit
 
 _NONE = -(1 << 63)
