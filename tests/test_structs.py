@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.recordings.description import BATCHES
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
@@ -74,7 +75,7 @@ def test_a_struct_is_the_same_when_it_is_read_again(name: str) -> None:
     struct = ALL[name]
     given = filled(struct)
     data = msgspec.json.encode(given)
-    assert msgspec.json.decode(data, type=struct) == given
+    assert msgspec.json.decode(data, type=struct, dec_hook=site_hook) == given
     if not struct.__struct_config__.array_like:
         names = {field.encode_name for field in msgspec.structs.fields(struct)}
         assert json.loads(data).keys() - {struct.__struct_config__.tag_field} == names

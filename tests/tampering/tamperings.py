@@ -206,7 +206,7 @@ def a_module_taken_along_stays() -> Recording:
     return edited(arm(), report, replace(report, site=report.before))
 
 
-@tampers("sites")
+@tampers("messages")
 def a_site_that_is_none() -> Recording:
     report = first(crowd(), "report", moved)
     return edited(crowd(), report, replace(report, site={"x": None}))

@@ -81,13 +81,9 @@ def hosts(
 def moving(*moves: tuple[Site, Site]) -> Schedule:
     """Return a schedule in which each module makes this move in round 1."""
     return {
-        module: {1: GeneratorPlacement("edge", (_json(one), _json(other)))}
+        module: {1: GeneratorPlacement("edge", (one, other))}
         for module, (one, other) in enumerate(moves)
     }
-
-
-def _json(site: Site) -> object:
-    return list(site) if isinstance(site, tuple) else site
 
 
 def put(effects: Sequence[Effect]) -> list[Message]:

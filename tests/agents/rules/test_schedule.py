@@ -98,7 +98,7 @@ def a_pivot(scene: Scene) -> tuple[GeneratorPlacement, Action]:
     move = next(
         m for m in scene.system.moves(scene.start[0]) if m is not None and m.possible(state)
     )
-    return GeneratorPlacement(move.generator, list(move.at)), move.action  # type: ignore[call-overload]
+    return GeneratorPlacement(move.generator, move.at), move.action
 
 
 def test_what_is_wrong_in_the_support_is_named() -> None:

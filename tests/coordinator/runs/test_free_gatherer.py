@@ -16,6 +16,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.free_messages import Commit, CommitLog

@@ -514,8 +514,8 @@ def test_who_is_taken_along_is_followed() -> None:
         ('{"moves":[{"generator":"jump","at":[0,1]}]}', "cube 1: unknown generator 'jump'"),
         ('{"moves":[{"generator":"edge","at":[0]}]}', "cube 1: generator edge: 'at' has 2 entries"),
         ('{"moves":[{"generator":"edge","at":[1,1]}]}', "edge [1, 1] is a loop"),
-        ('{"moves":[{"generator":"edge","at":[0,null]}]}', "cube 1: a site is a JSON number"),
-        ('{"moves":[{"generator":"edge","at":null}]}', "cube 1: a site is a JSON number"),
+        ('{"moves":[{"generator":"edge","at":[0,null]}]}', ":1: a site is a JSON number"),
+        ('{"moves":[{"generator":"edge","at":null}]}', ":1: a site is a JSON number"),
         (
             '{"moves":[{"generator":"edge","at":[0,1]},{"generator":"edge","at":[1,2]}]}',
             "cube 1: its moves do not commute",

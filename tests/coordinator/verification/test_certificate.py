@@ -36,7 +36,6 @@ WRONG: dict[str, tuple[dict[str, Any], str, str]] = {
         "[2,0] stands twice at the end",
     ),
     "another site": ({"end": [[0, 0], [2, 1]]}, "end", "[2,0] is not at the end as it says"),
-    "no site": ({"end": [[0, 0], [2, 0], None]}, "end", "null is not at the end as it says"),
     "pairs out of order": (
         {"cancelled": [[6, 7], [2, 4]]},
         "cancelled",

@@ -162,7 +162,7 @@ def test_where_the_cubes_end_elsewhere_the_site_is_named() -> None:
     whole = crowd()
     summary = first(whole, "summary")
     last = first(whole, "cube", lambda message: message.index == summary.cubes)
-    assert [move.at for move in last.moves] == [[[1, 1], [2, 1]]]
+    assert [move.at for move in last.moves] == [((1, 1), (2, 1))]
     less = edited(whole, last, replace(last, moves=[]))
     one_more = Cube(last.round, last.index + 1, [GeneratorPlacement("edge", ((2, 3), (3, 3)))])
     more = edited(

@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
-from cubepath.protocol.core.sites import Site, site_hook
+from cubepath.protocol.core.sites import Site, site_from_json, site_hook
 from cubepath.protocol.path_files.moves import (
     CubeLine,
     CubeName,
@@ -175,7 +175,7 @@ def read_durations(source: Source) -> Durations:
     try:
         is_json = file.path.suffix.lower() == ".json"
         found = _json(text) if is_json else parsed_toml(text, Decimal)
-        return _durations(msgspec.convert(found, _File, dec_hook=site_hook))
+        return _durations(msgspec.convert(found, _File))
     except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
@@ -203,7 +203,7 @@ def _durations(found: _File) -> Durations:
     placed: dict[tuple[str, Site], Fraction] = {}
     for number, move in enumerate(found.moves, 1):
         try:
-            key = move.generator, _exact(move.at)
+            key = move.generator, site_from_json(_exact(move.at))
         except InputError as error:
             raise InputError(f"moves {number}.at: {error}") from None
         if key in placed:
