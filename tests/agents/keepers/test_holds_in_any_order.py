@@ -98,7 +98,7 @@ class Any3:
             attempt = self.asked[module] = self.begun(module, which, note=note)
         if attempt is not None:
             units = [*(unit for unit, _ in attempt.sensed), *(at for at, *_ in attempt.notes)]
-            first = min(TILES.keeper_of(tuple(unit)) for unit in units)
+            first = min(TILES.keeper_of(unit) for unit in units)
             self.keepers[first].ask(module, attempt)
 
     def begun(self, module: int, which: int, *, note: bool) -> Attempt | None:

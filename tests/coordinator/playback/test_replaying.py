@@ -214,7 +214,7 @@ def test_what_differs_from_the_record_is_named() -> None:
     assert "cube 1 is another" in differences(edited(whole, cube, replace(cube, moves=[])))
     assert "cube 0 is another" in differences(edited(whole, cube, cube, replace(cube, index=0)))
     report = first(whole, "report", lambda each: each.move)
-    other = replace(report, move=GeneratorPlacement("edge", [[0, 0], [1, 0]]))
+    other = replace(report, move=GeneratorPlacement("edge", ((0, 0), (1, 0))))
     with pytest.raises(CheckError, match=rf"module_{report.module}: edge at .* is no move from"):
         replay(edited(whole, report, other))
     last = parts(whole, "report")[-1]

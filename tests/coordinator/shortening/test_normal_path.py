@@ -306,20 +306,22 @@ def test_progress_counts_every_move(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 # Recordings
 
 
-def report(number: int, module: int, before: list[int], site: list[int] | None = None) -> Report:
+def report(
+    number: int, module: int, before: tuple[int, int], site: tuple[int, int] | None = None
+) -> Report:
     """Return the report of a vehicle that went along an edge, or stayed."""
-    move = None if site is None else GeneratorPlacement("edge", sorted([before, site]))
+    move = None if site is None else GeneratorPlacement("edge", tuple(sorted([before, site])))
     claim: Literal["none", "granted"] = "none" if move is None else "granted"
     return Report(number, module, before, site or before, claim, move, {})
 
 
 RUN = [
-    report(1, 0, [0, 0], [1, 0]),
-    report(1, 1, [0, 1], [1, 1]),
-    report(2, 0, [1, 0], [0, 0]),
-    report(2, 1, [1, 1], [1, 2]),
-    report(3, 0, [0, 0]),
-    report(3, 1, [1, 2]),
+    report(1, 0, (0, 0), (1, 0)),
+    report(1, 1, (0, 1), (1, 1)),
+    report(2, 0, (1, 0), (0, 0)),
+    report(2, 1, (1, 1), (1, 2)),
+    report(3, 0, (0, 0)),
+    report(3, 1, (1, 2)),
 ]
 
 
@@ -338,10 +340,10 @@ def test_a_recording_is_shortened_from_its_reports(tmp_path: Path) -> None:
     result = shorten(path)
     assert figures(result) == (4, 2, 2, 1)
     assert result.named == (
-        (GeneratorPlacement("edge", [[0, 1], [1, 1]]),),
-        (GeneratorPlacement("edge", [[1, 1], [1, 2]]),),
+        (GeneratorPlacement("edge", ((0, 1), (1, 1))),),
+        (GeneratorPlacement("edge", ((1, 1), (1, 2))),),
     )
-    unfinished = report(4, 0, [0, 0], [1, 0])
+    unfinished = report(4, 0, (0, 0), (1, 0))
     arrival = [RUN[3], RUN[2], *RUN[::-1], unfinished]
     assert shorten(record(tmp_path / "late", arrival)).named == result.named
 
@@ -384,23 +386,23 @@ def test_the_beginning_of_a_recording_is_no_moves_file(tmp_path: Path, size: int
 
 BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "contradiction": (
-        [RUN[0], report(1, 0, [0, 0])],
+        [RUN[0], report(1, 0, (0, 0))],
         CheckError,
         "report 1 (report/module_0): module_0 reports round 1 twice, and differently",
     ),
-    "no module": ([report(1, 2, [0, 0])], CheckError, "no such module in this run"),
+    "no module": ([report(1, 2, (0, 0))], CheckError, "no such module in this run"),
     "unknown edge": (
-        [report(1, 0, [0, 0], [2, 0]), RUN[1]],
+        [report(1, 0, (0, 0), (2, 0)), RUN[1]],
         CheckError,
         "report of module_0: edge at [[0,0],[2,0]] is no move from [0,0]",
     ),
     "a gap": (
-        [*RUN[:2], *RUN[4:], report(4, 0, [0, 0])],
+        [*RUN[:2], *RUN[4:], report(4, 0, (0, 0))],
         InputError,
         "round 2 is not complete, but there are reports of round 4",
     ),
     "inadmissible": (
-        [report(1, 0, [0, 0], [0, 1]), RUN[1]],
+        [report(1, 0, (0, 0), (0, 1)), RUN[1]],
         CheckError,
         "report of module_0: edge at [[0,0],[0,1]] is not admissible",
     ),

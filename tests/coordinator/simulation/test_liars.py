@@ -138,7 +138,7 @@ class Forger(HostNode):
         message = decode(effect.data)
         if not isinstance(message, Bundle) or self._config.process:
             return effect
-        parts = [Presence(each.round, each.module, [11, 2]) for each in message.parts]
+        parts = [Presence(each.round, each.module, (11, 2)) for each in message.parts]
         return Put(effect.key, encode(msgspec.structs.replace(message, parts=parts)))
 
 

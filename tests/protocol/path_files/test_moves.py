@@ -346,8 +346,8 @@ def test_generators_are_placed_by_the_system(tmp_path: Path) -> None:
     system = scene_from_spec(SYSTEM).system
     assert there.action == back.action == system.action("edge", (0, 1))
     assert (there.name, back.name) == (
-        GeneratorPlacement("edge", [0, 1]),
-        GeneratorPlacement("edge", [1, 0]),
+        GeneratorPlacement("edge", (0, 1)),
+        GeneratorPlacement("edge", (1, 0)),
     )
     assert (there.before, back.before) == (frozenset([0]), frozenset([1]))
 
@@ -380,7 +380,7 @@ def test_guards_are_not_written_as_contents(tmp_path: Path) -> None:
 def test_cubes_are_written_and_read_back(tmp_path: Path) -> None:
     """A cubes file has one cube a line, each move by its name."""
     path = tmp_path / "cubes.jsonl"
-    cubes = [("a", 7), (GeneratorPlacement("edge", [[0, 0], [0, 1]]),)]
+    cubes = [("a", 7), (GeneratorPlacement("edge", ((0, 0), (0, 1))),)]
     write_cubes(path, cubes)
     assert path.read_text() == (
         '{"moves":["a",7]}\n{"moves":[{"generator":"edge","at":[[0,0],[0,1]]}]}\n'
@@ -438,4 +438,4 @@ def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) 
     with pytest.raises(IrregularError, match="unknown field `remark`"):
         read_path(moves, scene_from_spec(SYSTEM))
     cubes.write_text(f'{{"moves": [{move}]}}\n')
-    assert list(read_cubes(cubes)) == [(GeneratorPlacement("edge", [0, 1]),)]
+    assert list(read_cubes(cubes)) == [(GeneratorPlacement("edge", (0, 1)),)]

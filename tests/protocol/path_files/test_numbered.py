@@ -185,7 +185,7 @@ def sample() -> NumberedPath:
     moves = [
         PathMove(step, 1, frozenset({1})),
         PathMove(step, "back", frozenset({2})),
-        PathMove(guarded, GeneratorPlacement("slide", [0, 1])),
+        PathMove(guarded, GeneratorPlacement("slide", (0, 1))),
     ]
     path = number_moves(moves)
     return NumberedPath(
@@ -211,7 +211,7 @@ def test_cubes_are_written_and_read_back_in_binary(tmp_path: Path) -> None:
     cubes = NumberedCubes(np.array([0, 1, 2]), np.array([2, 1]))
     target = tmp_path / "c.npz"
     write_cubes_npz(target, sample(), cubes)
-    assert read_cubes_npz(target) == ((GeneratorPlacement("slide", [0, 1]),), ("back",))
+    assert read_cubes_npz(target) == ((GeneratorPlacement("slide", (0, 1)),), ("back",))
     assert holds_cubes(target)
     with pytest.raises(InputError, match="format: found 'cubepath-cubes-1'"):
         read_moves_npz(target)

@@ -201,7 +201,7 @@ def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
     move = '"move":{"generator":"edge","at":[0,1],"cost":3}'
     found = decode(f'{{{told},{move},"later":true}}'.encode())
     assert isinstance(found, Report)
-    assert found.move == GeneratorPlacement("edge", [0, 1])
+    assert found.move == GeneratorPlacement("edge", (0, 1))
 
 
 def test_a_scene_that_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _play_live(options: argparse.Namespace) -> int:
-    """Let some modules be real ones, until one does something else than on record."""
+    """Let some modules be real ones, until one does something else than in the recording."""
     from cubepath.coordinator.runs.live import replay_live  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 

@@ -1,13 +1,11 @@
-"""Ranges and lists in names: `hex:n=4..12..4,bend=60,120` stands for six systems.
+"""One run of a sweep as data: ranges in names, its id, its rule's sources, its slow modules.
 
-But errors.
+A range or a list in a name, as in `hex:n=4..12..4,bend=60,120`, stands for several systems; six
+here.
 
-A run's id is a hash of its configuration, of what its files contain and of the code, so that a run
-that is known need not be run again, and any other one is.
-
-What a rule from elsewhere follows from: its files, and what it has learned.
-
-Which modules are slow in a run: the same ones under every rule, clock and core.
+A run's id is a hash of its configuration, of the contents of its files and of the code, so a run
+with a known id is not repeated. For a rule from elsewhere, the hash covers its files and what it
+learned. The slow modules are the same ones under every rule, clock and core.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 _RANGE = re.compile(r"(-?\d{1,18})\.\.(-?\d{1,18})(?:\.\.(-?\d{1,18}))?", re.ASCII)
 _WHOLE = re.compile(r"-?\d{1,18}", re.ASCII)
 MOST = 1_000_000
-"""A range or a product of ranges has at most so many values: more is taken for a slip."""
+"""A range or a product of ranges has at most this many values: more is taken for a slip."""
 LARGEST = 10**18 - 1
 """The largest whole number that a sweep takes; one more digit may not fit into a column."""
 
@@ -70,7 +68,7 @@ def values(text: str, where: str) -> list[str]:
 def expanded(text: str) -> list[str]:
     """Return the names that a name with ranges and lists of values stands for, in their order.
 
-    A part between commas that is no KEY=VALUE goes on with the values of the key before it. The
+    A part between commas that is no KEY=VALUE continues with the values of the key before it. The
     last key changes fastest. InputError for an empty range.
 
     >>> expanded("agv:graph=K5,C8,n=2..3")
@@ -191,7 +189,7 @@ def _files_of(part: object) -> Iterator[Path]:
             break
     name = getattr(part, "__module__", None) or ""
     file = getattr(sys.modules.get(name), "__file__", None)
-    # Modules of files of rules are told apart by their files, which `content` has.
+    # Modules of rule files are distinguished by their files, which `content` has.
     if file and not name.startswith(RULE_MODULE):
         yield Path(file)
 
@@ -260,7 +258,7 @@ class FaultRates:
 
 @dataclass(frozen=True, slots=True)
 class RunSetting:
-    """All that decides what comes of a run but its seed.
+    """Everything that decides the result of a run, except its seed.
 
     `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
     hashes of what the scene holds and, of a rule from elsewhere, of what it follows from.

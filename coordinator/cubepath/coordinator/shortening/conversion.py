@@ -1,8 +1,7 @@
-"""Converting a path from one form of file to another, and binary cubes to lines.
+"""Converting a path from one form of file to another, and comparing two files.
 
-The input is checked as for shortening.
-
-Whether two files hold equal paths, whatever form they have.
+The input is checked as for shortening. Two files are the same if they hold equal paths, whatever
+their forms.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Reading a path from a file: a recording, a moves file, a scenario or another program's plan.
 
-The file is opened once and checked as far as possible before it is used. Every part of a command
-takes what is read here, and none goes back to the file.
+The file is opened once and checked as far as possible before it is used. All parts of a command
+share what is read here, and none goes back to the file.
 """
 
 from __future__ import annotations

@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import msgspec
 
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_hook
 from cubepath.protocol.core.system import Scene
 
 _Line = TypeVar("_Line")
@@ -85,7 +85,7 @@ class GeneratorLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A move as a generator of the system, and where it is placed."""
 
     generator: str
-    at: Json
+    at: Site
 
 
 class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
@@ -95,10 +95,10 @@ class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit
     """
 
     id: str | int
-    support: list[Json]
-    trace: list[Json]
-    before: list[Json] | None = None
-    after: list[Json] | None = None
+    support: list[Any]
+    trace: list[Any]
+    before: list[Any] | None = None
+    after: list[Any] | None = None
 
 
 class CubeLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -232,7 +232,7 @@ class _Form(NamedTuple):
     keys: str
 
 
-_generator = msgspec.json.Decoder(GeneratorLine).decode
+_generator = msgspec.json.Decoder(GeneratorLine, dec_hook=site_hook).decode
 
 
 def placement_in(line: bytes) -> GeneratorPlacement:
@@ -249,7 +249,7 @@ _CONTENTS = _Form(
     msgspec.json.Decoder(ContentsLine).decode,
     'the keys "id", "support", "trace", and "before" with "after" or neither',
 )
-_cube = msgspec.json.Decoder(CubeLine).decode
+_cube = msgspec.json.Decoder(CubeLine, dec_hook=site_hook).decode
 
 
 def keys_of_cube(line: CubeLine) -> int:
@@ -326,7 +326,7 @@ class _Reader:
                 f"generator {line.generator!r} without a system, expected --system SYSTEM"
                 ' (or moves with "id", "support" and "trace")'
             )
-        key = line.generator, site_from_json(line.at)
+        key = line.generator, line.at
         action = self._placed.get(key)
         if action is None:
             action = self._placed[key] = self._scene.system.action(*key)
@@ -357,7 +357,7 @@ class _Reader:
         return PathMove(known, line.id)
 
     def _by_contents(
-        self, line: ContentsLine, before: list[Json], after: list[Json], number: int
+        self, line: ContentsLine, before: list[Any], after: list[Any], number: int
     ) -> PathMove:
         read = self._sites.read
         label = _encode(line.id).decode()
@@ -426,11 +426,11 @@ class _Sites:
         """Note whether this line may have booleans, which are no sites but equal some in Python."""
         self._booleans = b"true" in line or b"false" in line
 
-    def read(self, values: Iterable[Json]) -> list[Site]:
+    def read(self, values: Iterable[Any]) -> list[Site]:
         """Return the sites; InputError if one is invalid."""
         return [self._seen(value) or self._new(value) for value in values]
 
-    def _seen(self, value: Json) -> Site | None:
+    def _seen(self, value: Any) -> Site | None:
         # Most sites recur, and most are flat: then this is their whole cost.
         if self._booleans:
             return None
@@ -439,7 +439,7 @@ class _Sites:
         except TypeError:  # a list in a list
             return None
 
-    def _new(self, value: Json) -> Site:
+    def _new(self, value: Any) -> Site:
         site = site_from_json(value)
         return self._kept.setdefault(site, site)
 

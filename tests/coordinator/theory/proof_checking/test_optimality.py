@@ -399,7 +399,8 @@ def test_moves_have_any_of_their_names() -> None:
     told = proof("triangulation:n=9,seed=2")
     first = told.moves[0]
     assert isinstance(first, GeneratorPlacement)
-    turned = GeneratorPlacement(first.generator, tuple(reversed(first.at)))
+    assert isinstance(first.at, tuple)
+    turned = GeneratorPlacement(first.generator, first.at[::-1])
     assert accepted(replace(told, moves=[turned, *told.moves[1:]])).optimal
     assert "the same as move 0" in refusal(told, moves=[*told.moves, turned])
 

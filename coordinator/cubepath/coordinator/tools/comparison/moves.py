@@ -29,10 +29,8 @@ from cubepath.coordinator.verification.transcript import (
     Sorting,
     Transcript,
     is_cut_off,
-    site_in,
 )
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
@@ -43,7 +41,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode
 
 ODD_MAX = 3
-"""So many lines on what is odd with a recording are kept."""
+"""This many lines on what is odd with a recording are kept."""
 
 
 class Contradiction(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -79,7 +77,7 @@ class Reading:
         self.odd: list[str] = []
         """What is odd, without anything being derived: the first lines."""
         self.cut_off: str | None = None
-        """Why the end of the run is not on record, None if it is."""
+        """Why the end of the run is not recorded, None if it is."""
         self._in_order = in_order
         self._sorting = Sorting(recording, self._fail, first=self.first, gaps=True)
 
@@ -110,7 +108,7 @@ class Reading:
         self._sorting.end()
 
     def lacks(self, number: int) -> bool:
-        """Return whether messages of a whole round can be missing though they were said."""
+        """Return whether messages of a whole round can be missing although they were sent."""
         damaged = bool(self.recording.problems) or RECOVERED in self.recording.parameters
         if self.by_kind or damaged:
             return True
@@ -129,7 +127,7 @@ def start_of(reading: Reading, number: int, said: RecordedRound) -> tuple[Site, 
     scene = reading.recording.scene
     if number == 1:
         return scene.start
-    told = (site_in(said.reports[module].before) for module in range(len(scene.start)))
+    told = (said.reports[module].before for module in range(len(scene.start)))
     return tuple(
         there if site is None else site for site, there in zip(told, scene.start, strict=True)
     )
@@ -168,8 +166,8 @@ def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - 
 def moments(reading: Reading) -> Iterator[Moment]:
     """Yield each whole round as derived from the moves before it, back to the last gap.
 
-    Contradiction where a move on record is none from where its module stands, or a module says that
-    it stands elsewhere.
+    Contradiction where a move in the recording is none from where its module stands, or a module
+    says that it stands elsewhere.
     """
     scene = reading.recording.scene
     sites = list(scene.start)
@@ -181,12 +179,12 @@ def moments(reading: Reading) -> Iterator[Moment]:
         where = f"round {number}, module_"
         motion: dict[Site, Site] = {}
         for module, report in said.reports.items():
-            if site_in(report.before) != sites[module]:
+            if report.before != sites[module]:
                 stood = site_text(sites[module])
                 raise Contradiction(f"{where}{module}: its moves lead to {stood}, not to its word")
             if report.move is None:
                 continue
-            at = site_in(report.move.at)
+            at = report.move.at
             move = None
             if at is not None:
                 move = scene.system.move_named(sites[module], report.move.generator, at)
@@ -199,8 +197,7 @@ def moments(reading: Reading) -> Iterator[Moment]:
 
 def action_text(generator: str, at: Any) -> str:
     """Return a move in words."""
-    place = site_in(at)
-    return f"{generator} at {at if place is None else site_text(place)}"
+    return f"{generator} at {site_text(at)}"
 
 
 class Path:
@@ -221,9 +218,9 @@ class Path:
         if report.move is not None:
             self.move(number, report.module, report.move.generator, report.move.at)
 
-    def move(self, number: int, module: int, generator: str, at: Json) -> None:
+    def move(self, number: int, module: int, generator: str, at: Site) -> None:
         """Add a move."""
-        place: Any = site_in(at)  # what is none is none of the system
+        place: Any = at  # what is none is none of the system
         known = self._numbers.get((generator, place))
         if known is None:
             try:
