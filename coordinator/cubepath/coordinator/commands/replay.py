@@ -59,7 +59,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
         type=_pace,
         metavar="R",
         help="rounds or levels a second; as 2x (or if log time is the wall clock) times as fast as"
-        " it was (default: as fast as it goes)",
+        " it was (default: as fast as possible)",
     )
     replay.add_argument(
         "--from", dest="begin", type=_spot, metavar="WHERE", help=f"begin there: {_SPOT}"

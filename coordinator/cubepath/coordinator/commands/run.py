@@ -65,7 +65,7 @@ def add_run(run: argparse.ArgumentParser) -> None:
         dest="parent",
         type=input_path,
         metavar="LOG",
-        help="go on from a recording: in rounds from --round on, with another --rule; without"
+        help="continue from a recording: in rounds from --round on, with another --rule; without"
         " rounds a run that was cut off or failed, where its keepers' logs end",
     )
     run.add_argument(

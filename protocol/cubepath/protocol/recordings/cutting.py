@@ -271,10 +271,7 @@ def _beginnings(
     if parts is not None:
         count = len(recording.records)
         if parts > max(count, 1):
-            raise InputError(
-                f"{recording.path}: has {count} messages, expected at most so many parts, not"
-                f" {parts}"
-            )
+            raise InputError(f"{recording.path}: cannot split {count} messages into {parts} parts")
         share = _Share(count, parts)
         return lambda _, record: share.begins(record)
     if rounds is not None:

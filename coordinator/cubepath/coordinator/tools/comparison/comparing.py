@@ -403,7 +403,7 @@ def _notes(side_by_side: SideBySide) -> Iterator[str]:
         if more:
             left = "" if parting.followed else "; they were not compared"
             rounds = counted(more, "more round")
-            yield f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not{left}"
+            yield f"{NAMES[side]} continues for {rounds}, which {NAMES[1 - side]} lacks{left}"
 
 
 def _odd(reading: Reading) -> Iterator[str]:
