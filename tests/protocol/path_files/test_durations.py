@@ -52,10 +52,10 @@ MOVE = "[[moves]]\ngenerator = {}\nat = {}\nduration = {}\n"
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "Object missing required field `format`"),
+        ("", "format: found None, expected 'cubepath-durations-1'"),
         (
             'format = "cubepath-durations-2"',
-            "Invalid enum value 'cubepath-durations-2' - at `$.format`",
+            "format: found 'cubepath-durations-2', expected 'cubepath-durations-1'",
         ),
         (FORM + "defalt = 1", "unknown field `defalt`"),
         (FORM + "default = 0", "default: found the duration 0, expected more than 0"),

@@ -32,6 +32,7 @@ from cubepath.protocol.path_files.moves import (
     write_lines,
 )
 
+FORMAT = "cubepath-durations-1"
 Number: TypeAlias = int | str
 """A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
 
@@ -175,7 +176,7 @@ def read_durations(source: Source) -> Durations:
     try:
         is_json = file.path.suffix.lower() == ".json"
         found = _json(text) if is_json else parsed_toml(text, Decimal)
-        return _durations(msgspec.convert(found, _File))
+        return _durations(_file(found))
     except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
@@ -189,6 +190,14 @@ def _json(text: str) -> object:
         raise InputError(f"not JSON: {error}") from None
     check_keys(text.encode(), where="line ")
     return found
+
+
+def _file(found: object) -> _File:
+    if isinstance(found, dict):  # before the keys, most of which another kind of file lacks
+        form = cast("dict[str, object]", found).get("format")
+        if form != FORMAT:
+            raise InputError(f"format: found {form!r:.40}, expected {FORMAT!r}")
+    return msgspec.convert(found, _File)
 
 
 def _durations(found: _File) -> Durations:
