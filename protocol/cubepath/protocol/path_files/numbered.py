@@ -317,6 +317,8 @@ class _Kept:
         action, before = move.action, move.before
         stated = before is not None or isinstance(move.name, GeneratorPlacement)
         number = self.add(action, move.name, stated=stated)
+        # A move that leaves open what another of its action says cannot be written, and is refused.
+        self.stated[number] |= stated
         if before is None:
             return number, -1
         shown = before - action.free if action.free else before
