@@ -139,10 +139,7 @@ def input_of(played: HasPath, progress: Progress | None = None) -> PathInput:
     began = time.perf_counter()
     source = Path(played.scene.spec)
     path = number_placements(played.scene.system, played.placed)
-    numbered = carried_out(path, played.scene.start_state)
-    if isinstance(numbered, InadmissibleMove):
-        why = why_inadmissible(path.each_action[numbered.move], numbered.state)
-        raise InputError(f"{source}: path[{numbered.move}]: {why}")
+    numbered = _admissible(path, played.scene, f"{source}: path")
     if progress is not None:
         progress(len(numbered.numbers))
     return PathInput(source, "path", numbered, time.perf_counter() - began, played.scene)
@@ -162,6 +159,15 @@ def starts_to_compare(
         return first, second
     common = one.touched & other.touched
     return first & common, second & common
+
+
+def _admissible(path: NumberedPath, scene: Scene | None, name: str) -> NumberedPath:
+    """Return the path carried out from the start; InputError names the first misfit."""
+    found = carried_out(path, None if scene is None else scene.start_state)
+    if isinstance(found, InadmissibleMove):
+        why = why_inadmissible(path.each_action[found.move], found.state)
+        raise InputError(f"{name}[{found.move}]: {why}")
+    return found
 
 
 class _Reading:
@@ -250,11 +256,7 @@ class _Reading:
         )
 
     def _binary(self, form: FileForm, scene: Scene | None) -> NumberedPath:
-        found: NumberedPath = form.read(self._file)
-        checked = carried_out(found, None if scene is None else scene.start_state)
-        if isinstance(checked, InadmissibleMove):
-            reason = why_inadmissible(found.actions[found.numbers[checked.move]], checked.state)
-            raise InputError(f"{self._file.path}: moves[{checked.move}]: {reason}")
+        checked = _admissible(form.read(self._file), scene, f"{self._file.path}: moves")
         if self._progress is not None:
             self._progress(len(checked.numbers))
         return checked

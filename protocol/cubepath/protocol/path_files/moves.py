@@ -247,6 +247,11 @@ def _form_of(line: bytes) -> _Form | None:
     return _GENERATOR if "generator" in found or "at" in found else _CONTENTS
 
 
+def is_by_generator(line: bytes) -> bool:
+    """Return whether a line has a key that only a move by its generator has."""
+    return _form_of(line) is _GENERATOR
+
+
 class _Reader:
     """The memory of reading one file: its form, its ids, its sites, and the state so far."""
 

@@ -10,11 +10,9 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import replace
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from math import inf
 from typing import Any, NamedTuple
-
-import msgspec
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
@@ -37,6 +35,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.path_files.moves import is_by_generator
 from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
@@ -431,13 +430,7 @@ def _system_for(
 def _names_generators(source: Source) -> bool:
     """Return whether the first line of a file is a move by its generator."""
     with opened(source) as file:
-        for _, line in file.numbered_lines():
-            try:
-                found: object = msgspec.json.decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-                return False
-            return isinstance(found, dict) and "generator" in found
-    return False
+        return any(is_by_generator(line) for _, line in islice(file.numbered_lines(), 1))
 
 
 def _end(moves: PathInput) -> frozenset[Site] | None:
