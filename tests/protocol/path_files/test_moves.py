@@ -11,14 +11,9 @@ import pytest
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files.moves import (
-    PathMove,
-    read_cubes,
-    read_moves,
-    write_cubes,
-    write_moves,
-)
+from cubepath.protocol.path_files.moves import PathMove, read_cubes, read_moves, write_cubes
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
+from cubepath.protocol.path_files.path_lines import write_moves
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 SYSTEM = "agv:graph=P4,n=1"

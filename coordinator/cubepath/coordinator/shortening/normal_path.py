@@ -157,7 +157,7 @@ def shortened(given: PathInput) -> Shortened:
     """Return the normal cube path of a path that has been read."""
     began = time.perf_counter()
     numbered = given.numbered
-    found = normal_form_of(numbered.numbers, numbered.supports)
-    left = NumberedCubes(*cubes_of(found, numbered.numbers, numbered.supports))
+    found = normal_form_of(numbered)
+    left = cubes_of(found, numbered)
     seconds = given.seconds + time.perf_counter() - began
     return Shortened(given, found, left, round(seconds, 3))

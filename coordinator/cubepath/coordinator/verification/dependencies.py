@@ -239,7 +239,7 @@ def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
     if odd:
         place = min(odd, key=lambda each: names.actions[each].label)
         return (
-            f"{_shown(names.actions[place])} is {_times(times[0][place])} in the first, and"
+            f"{label_of(names.actions[place])} is {_times(times[0][place])} in the first, and"
             f" {_times(times[1][place])} in the second"
         )
     found = _first_apart(one, other, names)
@@ -247,7 +247,7 @@ def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
         return None
     move, site, mine, theirs = found
     return (
-        f"{_shown(names.actions[one[move]])} finds {site_text(names.sites[site])} written"
+        f"{label_of(names.actions[one[move]])} finds {site_text(names.sites[site])} written"
         f" {_times(mine)} in the first, and {_times(theirs)} in the second"
     )
 
@@ -256,7 +256,8 @@ def _times(count: int) -> str:
     return f"{count} time" if count == 1 else f"{count} times"
 
 
-def _shown(action: Action) -> str:
+def label_of(action: Action) -> str:
+    """Return the label of an action, or what it changes if it has none."""
     return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
 
 

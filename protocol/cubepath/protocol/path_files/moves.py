@@ -158,33 +158,6 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
             yield move
 
 
-def write_moves(path: Path | str, moves: Iterable[PathMove]) -> None:
-    """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
-
-    Raises InputError if it cannot be written, or if an action with free sites or guards would have
-    to be written by its contents with local states, which cannot express them.
-
-    >>> played = play("hex:n=4")
-    >>> write_moves("run.jsonl", shorten(played).given.moves)
-    >>> len(list(read_moves("run.jsonl", played.scene)))
-    18
-    """
-    write_lines(path, (_move_line(move) for move in moves))
-
-
-def contents_line(
-    name: MoveName,
-    support: Iterable[Site],
-    trace: Iterable[Site],
-    states: tuple[Iterable[Site], Iterable[Site]] | None,
-) -> ContentsLine:
-    """Return a self-contained line, sites in canonical order; `states` are before and after."""
-    if isinstance(name, GeneratorPlacement):
-        raise InputError(f"move {name} has a generator and no id, expected an id")
-    both = (None, None) if states is None else tuple(list(in_order(each)) for each in states)
-    return ContentsLine(name, list(in_order(support)), list(in_order(trace)), *both)
-
-
 def named_action(name: str | int, support: Iterable[Site], trace: Iterable[Site]) -> Action:
     """Return the action of a move of which only support and trace are known; see `read_moves`."""
     site = (NAME, name)
@@ -272,6 +245,11 @@ def _form_of(line: bytes) -> _Form | None:
     if not isinstance(found, dict):
         return None
     return _GENERATOR if "generator" in found or "at" in found else _CONTENTS
+
+
+def is_by_generator(line: bytes) -> bool:
+    """Return whether a line has a key that only a move by its generator has."""
+    return _form_of(line) is _GENERATOR
 
 
 class _Reader:
@@ -442,16 +420,3 @@ class _Sites:
     def _new(self, value: Any) -> Site:
         site = site_from_json(value)
         return self._kept.setdefault(site, site)
-
-
-def _move_line(move: PathMove) -> GeneratorPlacement | ContentsLine:
-    if isinstance(move.name, GeneratorPlacement):
-        return move.name
-    action = move.action
-    support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))
-    if move.before is None:
-        return contents_line(move.name, support, trace, None)
-    if action.free or action.guards:
-        raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
-    after = action.ends[1] if move.before == action.ends[0] else action.ends[0]
-    return contents_line(move.name, support, trace, (move.before, after))
