@@ -48,7 +48,7 @@ def _accept_advice() -> Any:
         yield
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", SPECS)
 def test_api(spec: str) -> None:
     """PettingZoo's api_test passes on the environment in turns."""
@@ -61,7 +61,7 @@ def test_parallel_api(spec: str) -> None:
     parallel_api_test(parallel_env(spec, max_cycles=30), num_cycles=60)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", SPECS)
 def test_seeds(spec: str) -> None:
     """PettingZoo's seed tests pass."""
@@ -98,7 +98,7 @@ def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", SPECS)
 def test_a_seed_decides_the_whole_episode(spec: str) -> None:
     """The same seed and actions give the same episode; parallel_seed_test stops after a step."""
