@@ -192,8 +192,7 @@ def test_locks_are_those_of_what_is_prepared_or_held_and_nobody_waits_for_nothin
     _come_through(seed, steps)
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=1000)
 @given(SEEDS, STEPS)
 def test_that_holds_in_a_thousand_orders(seed: int, steps: int) -> None:

@@ -94,15 +94,6 @@ def test_what_is_no_duration_is_refused(tmp_path: Path, text: str, reason: str) 
     assert "\n" not in str(refusal.value)
 
 
-def test_durations_that_are_not_there(tmp_path: Path) -> None:
-    """A missing file and one that is no text are named."""
-    with pytest.raises(InputError, match=r"none\.toml: No such file"):
-        read_durations(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_bytes(b"\xff")
-    with pytest.raises(InputError, match=r"bad\.toml: "):
-        read_durations(tmp_path / "bad.toml")
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

@@ -388,41 +388,6 @@ def test_cubes_are_written_and_read_back(tmp_path: Path) -> None:
         list(read_cubes(path))
 
 
-def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    """When the moves end in an error, the file is as it was and nothing is left beside it."""
-    path = tmp_path / "cubes.jsonl"
-    path.write_text("before\n")
-
-    def failing() -> Any:
-        yield ("a",)
-        raise InputError("no more")
-
-    with pytest.raises(InputError, match="no more"):
-        write_cubes(path, failing())
-    assert path.read_text() == "before\n"
-    assert [each.name for each in tmp_path.iterdir()] == ["cubes.jsonl"]
-
-
-def test_where_nothing_can_be_written_it_is_said(tmp_path: Path) -> None:
-    """A missing folder, a folder, and a file in place of a folder are named."""
-    (tmp_path / "file").write_text("")
-    for name in ("missing/cubes.jsonl", ".", "file/cubes.jsonl"):
-        with pytest.raises(InputError, match="cannot be written: "):
-            write_cubes(tmp_path / name, [("a",)])
-
-
-def test_links_and_devices_stay_what_they_are(tmp_path: Path) -> None:
-    """A link goes on pointing at the file, and what is no file is written in place."""
-    real, link = tmp_path / "real.jsonl", tmp_path / "link.jsonl"
-    real.write_text("")
-    link.symlink_to(real)
-    write_cubes(link, [("a",)])
-    assert link.is_symlink()
-    assert real.read_text() == '{"moves":["a"]}\n'
-    write_cubes(Path("/dev/null"), [("a",)])
-    assert Path("/dev/null").is_char_device()
-
-
 def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) -> None:
     """A line of a moves file says no more than it may; a cube's move may carry a remark."""
     move = '{"generator": "edge", "at": [0, 1], "remark": "first"}'

@@ -94,6 +94,7 @@ def test_self_contained_lines_are_what_the_reader_of_lines_says(
     assert told(read_moves_npz(folder / "m.npz").moves()) == told(expected)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", SCENES)
 def test_generators_come_back_from_every_form(tmp_path: Path, spec: str) -> None:
     """Lines and arrays, with free sites and guards where the system has them."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import msgspec
 import pytest
 from hypothesis import given, strategies as st
 from mcap.reader import make_reader
@@ -162,7 +160,7 @@ except CubepathError as error:
     copy_recording(read_recording(path), out)
     size = out.stat().st_size
     out.unlink()
-    for most in (0, 1000, size - 10):
+    for most in (0, size - 10):
         done = subprocess.run(
             [sys.executable, "-c", code, path, out, str(most)],
             capture_output=True,
@@ -182,15 +180,6 @@ def test_a_copy_replaces_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already, expected a new file"):
         copy_recording(read_recording(path), out)
     assert out.read_text() == "other"
-
-
-def test_schemas_describe_the_messages() -> None:
-    """Every schema that goes on record is one object with its kind as a constant."""
-    kinds: Sequence[str] = ("presence", "report", "edges", "cube", "summary")
-    for kind in kinds:
-        schema = schema_of(kind)
-        assert schema["properties"]["kind"] == {"enum": [kind]}
-        assert msgspec.json.encode(schema)
 
 
 def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
