@@ -195,6 +195,7 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(canary: Path) -
     assert not canary.exists()
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",

@@ -32,7 +32,6 @@ from samples.strategies import (
     SCENES,
     Word,
     crowded_words,
-    detours,
     edge,
     random_walk,
     scene,
@@ -142,23 +141,6 @@ def test_the_certificate_of_a_walk_with_detours(data: st.DataObject) -> None:
     assert frozenset(found.end) == end_state(path, start)
     cubes = [[path[move - 1] for move in cube] for cube in found.cubes]
     assert end_state(cubes, start) == end_state(path, start)
-
-
-@pytest.mark.slow
-@given(data=st.data())
-def test_a_detour_does_not_change_the_length_that_is_proved(data: st.DataObject) -> None:
-    """Two words of one class have certificates of one number of cubes."""
-    path = data.draw(words(max_size=16))
-    longer = data.draw(detours(path, [toggle(0), toggle(1, reads=[0]), toggle(7)]))
-    assert len(certificate_of(longer).chain) == len(certificate_of(path).chain)
-
-
-@pytest.mark.parametrize("path", [[], [toggle(1)], [toggle(1)] * 2, [toggle(1)] * 5])
-def test_small_paths(path: Word) -> None:
-    """Nothing, one move, there and back, and that once more and on."""
-    found = certificate_of(path)
-    assert not refused(path, found)
-    assert len(found.cubes) == len(path) % 2
 
 
 def test_a_schedule_that_is_not_normal_is_accepted_too() -> None:
@@ -303,12 +285,6 @@ def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str, reason: st
     assert str(refusal.value).startswith(f"{path}: no cubepath-certificate-1")
     with pytest.raises(InputError, match="no cubepath-certificate-1"):
         certificate_from_json(text.encode())
-
-
-def test_a_certificate_that_is_not_there(tmp_path: Path) -> None:
-    """A missing file is named."""
-    with pytest.raises(InputError, match=r"none\.json: No such file"):
-        read_certificate(tmp_path / "none.json")
 
 
 # Cost

@@ -152,7 +152,7 @@ def test_what_was_said_last_is_written_where_nothing_follows(clock: str, tmp_pat
                 os.kill(other, signal.SIGCONT)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("rounds", range(1, 40, 12))
 @pytest.mark.parametrize("processes", [0, 2])
 def test_a_run_that_is_killed_often_has_every_round(

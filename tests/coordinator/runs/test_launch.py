@@ -133,7 +133,7 @@ def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -
     assert outcome.path_digest == digest_of_play(system, "random", seed=4, hesitate=0.2, rounds=30)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_thousand_modules_reach_their_goal(tmp_path: Path) -> None:
     """Each vehicle of a crowd goes on by one column, as in the environment; verify passes."""
     scene = scene_from_spec("agv:graph=grid50x40,n=1000")
@@ -387,7 +387,7 @@ def test_an_interrupt_closes_the_recording(tmp_path: Path, number: signal.Signal
     assert summary_of(recording).rounds == answer["rounds"] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_terminal_interrupt_reaches_every_process_and_closes_the_recording(
     tmp_path: Path,
 ) -> None:
@@ -436,7 +436,7 @@ def test_routers_that_die_as_they_start_are_started_again(tmp_path: Path) -> Non
         ends_whole(tmp_path, child)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_coordinator_that_is_paused_for_long_goes_on(tmp_path: Path) -> None:
     """For 12 s, longer than the lease of a link by default; it goes on within some seconds."""
     with started(tmp_path, "--processes", "2") as child:

@@ -128,7 +128,7 @@ def test_ten_seeds_hold() -> None:
     assert len(kinds) >= len(FREE_KINDS) - 6
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(1200)
 def test_a_hundred_seeds_hold() -> None:
     """All kinds of faults happen in them, and all rules."""
@@ -157,7 +157,7 @@ def test_a_broken_keeper_is_found(bug: str) -> None:
     assert any(planted.run_of(seed).failure is not None for seed in range(60))
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(1200)
 def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
     """Within some hundreds of seeds, of which the first hundred do not show it."""

@@ -125,7 +125,7 @@ def test_some_seeds_hold() -> None:
     assert outcomes["goal"] + outcomes["max-rounds"] >= 4
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_three_hundred_seeds_hold() -> None:
     """No seed fails, every kind of fault fires, and seven in ten go past all of their faults."""
     outcomes: Counter[str] = Counter()

@@ -99,7 +99,7 @@ def ends(both_ends: Ends) -> Iterator[Ends]:
 
 
 @pytest.mark.parametrize("key", [UP, DOWN])
-@pytest.mark.parametrize("count", [2000, pytest.param(20_000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [2000, pytest.param(20_000, marks=pytest.mark.nightly)])
 def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -> None:
     """Twenty thousand messages, with a rule that is asked about each and meets none."""
     ends.link.add(Rule(action="drop", pattern=Pattern(kind="bundle")))

@@ -138,7 +138,7 @@ def test_a_single_value_that_was_changed_is_found(spec: str) -> None:
     assert set(is_found(recording, 3, 17)) <= NOT_PROVED
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("spec", ["agv:graph=grid6x3,n=3", "hex:n=3"])
 def test_in_a_longer_run_a_single_value_that_was_changed_is_found(spec: str) -> None:

@@ -50,7 +50,7 @@ SMALL = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.few(9)
 @pytest.mark.parametrize("spec", SMALL)
 def test_states_and_cubes_are_those_of_the_obvious_enumeration(spec: str) -> None:
     """The same f-vector as by going through all commuting sets of all states, for every system."""
@@ -88,7 +88,7 @@ def check_names(built: StateComplex) -> None:
                 assert built.cube(k - 1, high) == (across, rest)
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(st.sampled_from(["hex-open:n=3", "sliding:p=2,q=2", "polygon:n=7", "arms", "arm:n=7"]))
 def test_masks_say_what_sets_say(spec: str) -> None:
     """Commuting by masks is `commute`, for all pairs of actions met at a start."""
@@ -166,7 +166,7 @@ def test_a_guard_on_an_obstacle_is_a_need() -> None:
     assert list(f_vector(explore(needing))) == complexes.f_vector(needing) == [4, 3]
 
 
-@settings(max_examples=75)
+@settings(max_examples=25)
 @given(listed_scenes())
 def test_any_listed_system_is_explored_as_it_is_defined(scene: Scene) -> None:
     """Free sites, guards, obstacles, doubled actions: as enumerated the obvious way, and NPC."""

@@ -95,7 +95,7 @@ def test_a_proof_holds_where_a_log_is_needed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "count"), [(0, 15), pytest.param(15, 200, marks=pytest.mark.thorough)]
+    ("first", "count"), [(0, 15), pytest.param(15, 585, marks=pytest.mark.nightly)]
 )
 def test_what_exhaustive_search_finds_is_proved_and_no_more(first: int, count: int) -> None:
     """One round below the optimum is proved; at the optimum nothing can be."""

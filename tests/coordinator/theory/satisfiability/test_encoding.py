@@ -65,6 +65,7 @@ def test_every_local_family_is_among_them() -> None:
     assert {name for name in all_families() if scene_from_spec(name).system.local} <= here
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", SPECS)
 def test_clauses_agree_with_exhaustive_search(spec: str) -> None:
     """A model that is a path at the optimum, none with a round less; on random pairs."""
@@ -72,7 +73,7 @@ def test_clauses_agree_with_exhaustive_search(spec: str) -> None:
     assert len({best for best in found if best is not None}) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("spec", SPECS)
 def test_clauses_agree_with_exhaustive_search_on_many_pairs(spec: str) -> None:
     """The same on far more, and farther, pairs."""
@@ -105,7 +106,7 @@ def test_actions_of_any_form(actions: int, sites: int, size: int) -> None:
     assert max(best for best in found if best is not None) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2, 6))
 @pytest.mark.parametrize(("actions", "sites", "size"), [*FORMS, (8, 7, 5), (40, 6, 3)])
 def test_many_actions_of_any_form(seed: int, actions: int, sites: int, size: int) -> None:

@@ -211,7 +211,7 @@ def turned(action: Action) -> Action:
 @pytest.mark.parametrize(
     ("name", "iterations", "expected"),
     [
-        pytest.param("grid8-12agents", 2000, 11, marks=pytest.mark.thorough),
+        pytest.param("grid8-12agents", 2000, 11, marks=pytest.mark.nightly),
         ("random-32-32-10-30agents", 50, 53),
     ],
 )
