@@ -177,55 +177,6 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "a.mcap").problems == ()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["hexx"], "unknown system 'hexx'"),
-        (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
-        (["hex", "--rule", "chian"], "unknown rule 'chian'"),
-        (
-            ["triangulation:n=301"],
-            "triangulation:n=301: 301 points have too many flips to list them all",
-        ),
-        (["hex", "--log", "/proc/no/log.mcap"], "/proc/no/log.mcap: cannot be written"),
-    ],
-)
-def test_bad_usage_is_one_line_and_exit_code_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """What cannot be run is named in one line on standard error, and nothing is written."""
-    from cubepath.coordinator.commands.main import main
-
-    monkeypatch.chdir(tmp_path)
-    assert main(["run", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("plan", "message"),
-    [
-        (Plan(hesitate=1.5), "hesitate=1.5: expected at least 0 and less than 1"),
-        (Plan(hesitate=float("nan")), "hesitate=nan: expected at least 0 and less than 1"),
-        (Plan(seed=-1), "seed=-1: expected 0 or more"),
-        (Plan(processes=-1), "processes=-1: expected 0 or more"),
-        (Plan(max_rounds=-1), "max-rounds=-1: expected 0 or more"),
-    ],
-)
-def test_a_plan_with_a_number_out_of_its_bounds_is_refused(plan: Plan, message: str) -> None:
-    """From Python too, where no command line has looked at it."""
-    with pytest.raises(InputError) as caught:
-        run(plan)
-    assert str(caught.value) == message
-
-
 def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
     """A log that exists is refused, be it a recording or the system file itself."""
     log = tmp_path / "a.mcap"

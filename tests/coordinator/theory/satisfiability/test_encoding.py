@@ -22,7 +22,6 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from oracles.solved import Pair, check_pair, model, pairs_near, pairs_of, random_actions
 from samples.listed_scenes import listed_scenes
 from samples.local_families import LOCAL_FAMILIES
@@ -155,14 +154,6 @@ def test_a_system_of_another_distribution() -> None:
     where = Scene("ring", "", ring, tuple((place, "off") for place in range(5)))
     found = [check_pair(pair) for pair in pairs_of(where, 30, seed=3)]
     assert {1, 2, 3} <= set(found)
-
-
-@pytest.mark.parametrize("spec", ["hex:n=4", "sliding:p=2,q=1,n=3", "agv-labelled:graph=C5,n=2"])
-def test_a_system_of_a_file(spec: str) -> None:
-    """Written as TOML and read again."""
-    where = scene_from_toml(scene_to_toml(scene_from_spec(spec)), "file")
-    for pair in pairs_of(where, 8, seed=4):
-        check_pair(pair)
 
 
 @pytest.mark.parametrize("spec", ["hex:n=4", "agv:graph=grid3x3,n=3", "words", "sliding:n=3"])

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -170,41 +169,6 @@ def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: i
     exact = optimum(steps, steps.encode(where.start_state), end)
     assert exact.cubes is not None
     assert found.cubes == len(exact.cubes) <= 2 + vehicles
-
-
-def test_the_long_way_round_the_obstacle_becomes_the_short_one() -> None:
-    """Half round the 3-by-2 obstacle and on on the other side, which is the same turned by 180."""
-    where = scene("sliding:p=3,q=2")
-    steps = Transitions(where.system)
-    goal = (where.goal or frozenset()) | where.system.filled
-    half = optimum(steps, steps.encode(where.start_state), steps.encode(goal)).cubes
-    assert half is not None
-    there = [steps.actions[number] for cube in half for number in cube]
-    walk = [*there, *map(turned, there[:6])]
-    exact = optimum(
-        steps, steps.encode(where.start_state), steps.encode(end_state(walk, where.start_state))
-    )
-    assert exact.cubes is not None
-    assert len(normal_cube_path(walk)) >= len(exact.cubes) + 5
-    assert checked(where, walk, iterations=300, seed=1).cubes == len(exact.cubes)
-
-
-def turned(action: Action) -> Action:
-    """Return the action turned by half a turn about the middle of the 3-by-2 obstacle."""
-
-    def turn(sites: Iterable[Any]) -> list[tuple[int, int]]:
-        return [(2 - x, 1 - y) for x, y in sites]
-
-    guards = [tuple(turn(pair)) for pair in action.guards]
-    before, after = map(turn, action.ends)
-    return Action(
-        turn(action.support),
-        turn(action.trace),
-        before,
-        after,
-        free=turn(action.free),
-        guards=[(one, other) for one, other in guards],
-    )
 
 
 @pytest.mark.slow
