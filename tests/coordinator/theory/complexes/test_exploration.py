@@ -22,7 +22,7 @@ from cubepath.coordinator.theory.complexes.state_complexes import (
     f_vector,
     state_complex,
 )
-from cubepath.coordinator.theory.complexes.state_masks import Bits, commutes, row_of
+from cubepath.coordinator.theory.complexes.state_masks import Bits, commutes
 from cubepath.protocol.core.actions import apply, commute, end_at
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
@@ -100,13 +100,6 @@ def test_masks_say_what_sets_say(spec: str) -> None:
         assert commutes(masks, one, other) == commute(bits.actions[one], bits.actions[other])
 
 
-def test_states_go_to_masks_and_back() -> None:
-    """What is on in a row of words is what was put there, occupied obstacles included."""
-    scene = scene_from_spec("sliding:p=2,q=1")
-    bits = Bits(scene)
-    assert bits.decode(row_of(bits.start, bits.words)) == scene.start_state
-
-
 def test_the_same_scene_gives_the_same_numbers() -> None:
     """States, actions and cubes come in the same order every time."""
     one, other = (state_complex(explore(scene_from_spec("hex:n=3,base=1"))) for _ in range(2))
@@ -135,16 +128,6 @@ def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> N
     count = len(explore(scene).states)
     assert explore(scene, max_states=count).complete
     assert not explore(scene, max_states=count // 2).complete
-
-
-def test_equal_actions_under_two_names_are_one_edge() -> None:
-    """Listed there and back: a square, and one edge."""
-    scene = listed(
-        move("g", [], "a", "b"), move("h", [], "b", "a"), move("g2", [], "c", "d"), start=["a", "c"]
-    )
-    built = state_complex(explore(scene))
-    assert built.complex.f_vector == (4, 4, 1)
-    built.complex.check()
 
 
 def test_a_guard_on_an_obstacle_is_a_need() -> None:
