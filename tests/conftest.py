@@ -48,14 +48,14 @@ _cases: Counter[str] = Counter()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what is thorough, and that as slow: here cases still come in their own order."""
+    """Mark what is thorough, and that and the nightly as slow: cases still come in their order."""
     few = item.get_closest_marker("few")
     if few is not None:
         test = item.nodeid.partition("[")[0]
         _cases[test] += 1
-        if _cases[test] > few.args[0]:
+        if _cases[test] > few.args[0] and not item.get_closest_marker("nightly"):
             item.add_marker("thorough")
-    if item.get_closest_marker("thorough"):
+    if item.get_closest_marker("thorough") or item.get_closest_marker("nightly"):
         item.add_marker("slow")
 
 
