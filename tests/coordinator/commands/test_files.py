@@ -109,7 +109,6 @@ def test_what_is_verified_comes_by_any_stream(line: str, told: str, folder: Path
     assert (done.returncode, done.stdout[: len(told)]) == (0, told)
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
     """Every kind of input that its content tells, also from the middle of a stream on."""

@@ -146,7 +146,6 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     assert terminal.process.returncode == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "code"),
     [

@@ -147,7 +147,6 @@ def test_bounds_of_solvers_are_proved_again(name: str, tmp_path: Path) -> None:
     assert check_optimality(read_proof(file)).optimal
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(BY_SOLVERS))
 def test_bounds_of_solvers_contradict_no_others(name: str) -> None:
     """They are greater than those that take no solver, and all of them at most the best known."""

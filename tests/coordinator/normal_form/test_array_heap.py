@@ -67,7 +67,6 @@ def as_multisets(cubes: Sequence[Sequence[Action]]) -> list[Counter[Action]]:
 
 
 @each_way
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(all_words)
 def test_levels_are_those_of_the_reference(word: Word) -> None:
@@ -190,7 +189,6 @@ def pieces_of(numbers: Numbers, levels: Numbers) -> list[tuple[int, int]]:
     return sorted(zip(levels[left].tolist(), numbers[left].tolist(), strict=True))
 
 
-@pytest.mark.slow
 def test_going_over_to_compiled_code_changes_nothing() -> None:
     """Wherever in a path that happens: the same pieces, and what became of every move."""
     out, table = ring(60, 1200)

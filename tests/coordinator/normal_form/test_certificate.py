@@ -218,7 +218,6 @@ def test_nothing_shorter_is_ever_accepted(path: Word, cut: int) -> None:
 # Why one waits for the other
 
 
-@pytest.mark.slow
 @given(letters=words(max_letters=2, max_size=8))
 def test_a_link_says_what_holds_a_move_up(letters: Word) -> None:
     """Of any two moves that do not commute it gives a site that both have and one writes."""

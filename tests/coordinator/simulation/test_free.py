@@ -54,7 +54,6 @@ def test_without_faults_there_are_moves_enough() -> None:
     assert found.moves >= 50
 
 
-@pytest.mark.slow
 def test_without_faults_the_goal_is_reached() -> None:
     """In fewer moves than end the faults."""
     assert held(HEX).outcome == "goal"
@@ -143,7 +142,6 @@ def test_a_hundred_seeds_hold() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "bug",
     some(

@@ -153,7 +153,6 @@ def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
     assert found.failure.kind in ("accused", "ended")
 
 
-@pytest.mark.slow
 def test_lies_are_listed_and_shown() -> None:
     """The list of faults gives the same run; the picture has a remark."""
     first = LockstepSwarm(LYING).run_of(4)

@@ -174,7 +174,6 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
     assert found.recording.records[-1].kind == "summary"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "kinds"),
     [

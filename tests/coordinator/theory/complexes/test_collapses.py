@@ -177,7 +177,6 @@ def test_a_collapse_is_the_same_every_time() -> None:
     assert np.array_equal(collapse(space).steps, collapse(space).steps)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 7])
 def test_the_arm_collapses(n: int) -> None:
     """The state complex of the positive arm collapses to a point, for every length tried."""

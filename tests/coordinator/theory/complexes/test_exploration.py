@@ -250,7 +250,6 @@ def all_of(spec: str, left: int) -> list[object]:
         ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spec", SMALL)
 @pytest.mark.thorough
 def test_plain_python_and_compiled_code_find_the_same(spec: str) -> None:

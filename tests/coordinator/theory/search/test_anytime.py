@@ -95,7 +95,6 @@ def test_an_improvement_is_never_worse(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("spec", ["agv:graph=grid4x4,n=4", "hex:n=6", "triangulation:n=12"])
-@pytest.mark.slow
 def test_the_same_seed_finds_the_same_path(spec: str) -> None:
     """Bounded by iterations, nothing but input and seed counts."""
     where = scene(spec)
@@ -155,7 +154,6 @@ def round_the_cycle(where: Scene, vehicles: int, steps: int) -> list[Action]:
     return walk
 
 
-@pytest.mark.slow  # what is compiled has to be loaded
 @pytest.mark.parametrize("name", ["agv", "agv-labelled"])
 @pytest.mark.parametrize("vehicles", [1, 2, 3])
 def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: int) -> None:
@@ -339,7 +337,6 @@ def test_the_command_line_says_which_gap_is_left(
     assert "lower bound    1" in out
 
 
-@pytest.mark.slow
 def test_an_interrupt_keeps_the_best_path_so_far() -> None:
     """The search ends with what it has found, which is better than the class and checked."""
     path = random_walk("agv:graph=grid6x6,n=5", 300, 1)

@@ -156,7 +156,6 @@ def test_the_bottleneck_is_the_least_of_all_pairings(away: list[list[int]]) -> N
     assert bottleneck(away, 3) == min(best, 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("corners", [6, 9, 12, 20])
 def test_a_fan_needs_rounds_like_the_logarithm_of_its_corners(corners: int) -> None:
     """From one fan to the opposite: the diagonal that crosses most halves each round at best."""
