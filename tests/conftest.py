@@ -48,7 +48,7 @@ _cases: Counter[str] = Counter()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what is thorough, and that as slow: here cases still come in their own order."""
+    """Mark what is thorough, and that and the nightly as slow: cases still come in their order."""
     few, nightly = map(item.get_closest_marker, ("few", "nightly"))
     if few is not None and nightly is None:
         test = item.nodeid.partition("[")[0]

@@ -146,11 +146,6 @@ def test_a_slow_move_does_not_hold_up_others() -> None:
     assert found == Timetable(tuple(map(Fraction, (0, 5, 0, 1))), Fraction(6), (0, 1))
 
 
-def test_no_moves_take_no_time() -> None:
-    """The path that stays has an empty timetable."""
-    assert earliest([], []) == Timetable((), Fraction(0), ())
-
-
 def test_durations_must_be_as_many_as_moves() -> None:
     """One too many is an error."""
     with pytest.raises(ValueError, match="2 durations, expected one for each of 1 moves"):

@@ -220,7 +220,7 @@ def test_a_cube_has_the_name_that_was_reported_last(last: int) -> None:
     assert gatherer.schedule() == ((GeneratorPlacement("edge", names[last]),),)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_more_movers_than_two_bytes_can_number_are_gathered() -> None:
     """The last of 65,537 modules moves, and is the mover on record."""
     gatherer = Gatherer(scene_from_spec("agv:graph=C65538,n=65537"))

@@ -254,29 +254,6 @@ def test_all_forms_of_a_path_give_the_same_cubes(
     ]
 
 
-@pytest.mark.slow
-@settings(max_examples=20)
-@given(drawn=walks, data=st.data())
-def test_detours_there_and_back_change_nothing(
-    folder: Path, drawn: tuple[str, list[Move]], data: st.DataObject
-) -> None:
-    """A path with moves taken back is the same; one taken back whole has no cubes."""
-    spec, moves = drawn
-    path = folder / "detour.jsonl"
-    cut = data.draw(st.integers(0, len(moves)))
-    there, rest = moves[:cut], moves[cut:]
-    detour = [*moves, *rest[::-1], *rest]
-    for form in (by_generator, by_name):
-        system = spec if form is by_generator else None
-        plain = shorten(save(path, [form(move) for move in moves]), system=system)
-        longer = shorten(save(path, [form(move) for move in detour]), system=system)
-        assert longer.moves == len(detour)
-        assert longer.cube_path == plain.cube_path
-        assert longer.named == plain.named
-        back = [form(move) for move in (*there, *there[::-1])]
-        assert figures(shorten(save(path, back), system=system))[1:] == (0, 0, 0)
-
-
 def test_a_bad_moves_file_is_refused_by_file_and_line(tmp_path: Path) -> None:
     """What `read_moves` says of a file is what shortening it says."""
     path = save(tmp_path / "m.jsonl", [{"generator": "edge", "at": [[0, 0], [1, 0]]}])
@@ -373,15 +350,6 @@ def test_a_damaged_recording_is_refused_with_the_way_out(tmp_path: Path, kind: s
     with pytest.raises(InputError, match=what) as caught:
         shorten(path)
     assert f"'cubepath log recover {path} -o OUT'" in str(caught.value)
-
-
-@pytest.mark.parametrize("size", [1, 5, 8, 20])
-def test_the_beginning_of_a_recording_is_no_moves_file(tmp_path: Path, size: int) -> None:
-    """However little there is of it."""
-    path = record(tmp_path / "log.mcap", RUN)
-    path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(InputError, match="no cubepath recording"):
-        shorten(path)
 
 
 BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {

@@ -271,7 +271,7 @@ def test_recordings_from_several_processes_pass(spec: str, rule: str) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_many_real_recordings_pass() -> None:
     """Over many seeds, with claims lost in most runs, no check raises a false alarm."""
     lost = 0
