@@ -371,7 +371,7 @@ class Keeper:
         self._prepare(pending)
         self._pass_on(pending)
 
-    def _versions(self, units: Iterable[Site]) -> list[tuple[object, int]]:
+    def _versions(self, units: Iterable[Site]) -> list[tuple[Site, int]]:
         return [(unit, self.units.unit(unit).version) for unit in units]
 
     def _fenced_off(self, plan: AttemptPlan) -> str | None:
@@ -394,7 +394,7 @@ class Keeper:
                 found[number] = self.units.occupant(place)
         return found
 
-    def _noted(self, plan: AttemptPlan) -> list[tuple[object, Occupant]]:
+    def _noted(self, plan: AttemptPlan) -> list[tuple[Site, Occupant]]:
         found = []
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
@@ -473,7 +473,7 @@ class Keeper:
         for site, occupant in sites_in(passed.noted):
             notes[occupant.module] = written[self._system.place_of(site)]
             modules[occupant.module] = site, occupant
-        motion: list[tuple[int, object, object, int]] = []
+        motion: list[tuple[int, Site, Site, int]] = []
         for (source, target), taken in zip(plan.motion, passed.occupants, strict=True):
             if taken is None:
                 raise AssertionError(f"no module is carried from {source!r}")
@@ -481,7 +481,7 @@ class Keeper:
             modules[taken.module] = target, taken
         moved_along = {module for module, *_ in motion}
         changed: list[tuple[Site, Occupant]] = []
-        listed: list[tuple[object, int, int, Register | None]] = []
+        listed: list[tuple[Site, int, int, Register | None]] = []
         for module, (at, occupant) in modules.items():
             note = notes.get(module)
             counts = module in moved_along or note is not None

@@ -173,7 +173,7 @@ class Units:
             place, version, site, occupant.module, occupant.note, occupant.version, reads
         )
 
-    def _reads(self, place: Site) -> list[tuple[object, int, int]]:
+    def _reads(self, place: Site) -> list[tuple[Site, int, int]]:
         if self._system.letters:
             units = [unit for unit in self.units if self._unit_place(unit) == place]
         else:
@@ -184,7 +184,7 @@ class Units:
         """Return what is shown of a tile: where something is or ever was."""
         return [self.shown(place) for place in in_order(self._by_tile.get(tile, {}))]
 
-    def touched(self) -> list[tuple[object, int, int, int, object]]:
+    def touched(self) -> list[tuple[Site, int, int, int, Site | None]]:
         """Return each unit that was ever read or written: version, level, reads, what is on."""
         return [
             (unit, known.version, known.level, known.reads, self.shows(unit))
@@ -202,6 +202,6 @@ def start_of(system: System, tiles: Tiles, keeper: int, start: Iterable[Site]) -
     }
 
 
-def sites_in(occupants: Iterable[tuple[object, Occupant]]) -> list[tuple[Site, Occupant]]:
+def sites_in(occupants: Iterable[tuple[Site, Occupant]]) -> list[tuple[Site, Occupant]]:
     """Return modules with their sites as they travel."""
     return [(site, occupant) for site, occupant in occupants]
