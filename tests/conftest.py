@@ -1,7 +1,7 @@
 """Settings for all tests: no deadline for hypothesis, since these machines are noisy.
 
 On a slow machine a command writes lines of progress; tests compare what else it writes. What is
-thorough is slow too, so that ``-m 'not slow'`` leaves it out.
+thorough or nightly is slow too, so that ``-m 'not slow'`` leaves it out.
 
 Hundreds of tests start processes. Where Python is told to keep no bytecode, each of these would
 compile all of cubepath anew, which takes as long as all else that it does; so they are not told.
@@ -48,14 +48,14 @@ _cases: Counter[str] = Counter()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what is thorough, and that as slow: here cases still come in their own order."""
-    few = item.get_closest_marker("few")
-    if few is not None:
+    """Mark what is thorough, and that and the nightly as slow: cases still come in their order."""
+    few, nightly = map(item.get_closest_marker, ("few", "nightly"))
+    if few is not None and nightly is None:
         test = item.nodeid.partition("[")[0]
         _cases[test] += 1
         if _cases[test] > few.args[0]:
             item.add_marker("thorough")
-    if item.get_closest_marker("thorough"):
+    if nightly is not None or item.get_closest_marker("thorough"):
         item.add_marker("slow")
 
 

@@ -79,6 +79,7 @@ _VALUES: dict[type[inspect.Type], Callable[[_Filler, Any], list[Any]]] = {
     inspect.StrType: lambda filler, _: [filler.text()],
     inspect.LiteralType: lambda _, kind: [kind.values[-1]],
     inspect.AnyType: lambda filler, _: [[filler.number(), filler.text()]],
+    inspect.CustomType: lambda filler, _: [(filler.number(), filler.text())],  # a site
     inspect.RawType: lambda _, __: [msgspec.Raw(b"1")],
     inspect.ListType: lambda filler, kind: [filler.values(kind.item_type)],
     inspect.VarTupleType: lambda filler, kind: [tuple(filler.values(kind.item_type))],

@@ -199,7 +199,7 @@ def _tested(trial: Trial, folder: Path) -> int:
         return _simulated(trial.file, trial.seeds, folder)
     arguments = ["-n", "0", "-x", "-q", "-p", "no:randomly", "-p", "no:cacheprovider"]
     arguments += ["-c", str(ROOT / "pyproject.toml"), "--rootdir", str(ROOT), "-o", "timeout=0"]
-    marked = "slow and not thorough" if trial.slow else "not slow"
+    marked = "slow and not thorough and not nightly" if trial.slow else "not slow"
     arguments += ["--basetemp", str(folder / "pytest"), "-m", marked]
     arguments += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     os.chdir(ROOT)

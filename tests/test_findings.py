@@ -63,6 +63,7 @@ def test_the_page_has_the_tables_of_its_rows() -> None:
         assert (DOCS / f"findings-{name}.png").stat().st_size < 60_000
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("script", [flip_diameter, hexagon_shapes, three_gaps, torsion])
 def test_the_scripts_make_their_first_rows(
     script: ModuleType,
@@ -126,7 +127,7 @@ def _distances(corners: int) -> np.ndarray[Any, Any]:
     return found
 
 
-@pytest.mark.parametrize("corners", [5, 6, 7, pytest.param(8, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("corners", [5, 6, 7, pytest.param(8, marks=pytest.mark.nightly)])
 def test_distances_are_those_of_the_polygons_own_moves(corners: int) -> None:
     """All pairs, by breadth-first search over sets of commuting moves of the system."""
     _, states = _trees(corners)
@@ -176,7 +177,7 @@ def test_symmetries_keep_distances(corners: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "corners", [*range(5, 11), *(pytest.param(n, marks=pytest.mark.thorough) for n in (11, 12))]
+    "corners", [*range(5, 11), *(pytest.param(n, marks=pytest.mark.nightly) for n in (11, 12))]
 )
 def test_the_farthest_pairs_are_as_far_apart_as_said(corners: int) -> None:
     """By exhaustive search from both ends over the moves of the system."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import msgspec
 
 from cubepath.agents.processes.config import ProcessConfig
-from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.node import HostNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Bundle, Go, Message, Retransmit, decode, encode
@@ -37,9 +36,8 @@ class _Twice(HostNode):
     def _hear(self, said: Bundle) -> list[Effect]:
         if not self._awaits(said) or not self._inbox.knows(said):
             return super()._hear(said)
-        heard = self._judge.heard(said)
-        other = msgspec.structs.replace(said, number=said.number + 100)
-        self._inbox.keep(HeardMessage(other, heard.senders))
+        self._judge.check(said)
+        self._inbox.keep(msgspec.structs.replace(said, number=said.number + 100))
         return self._try_to_begin()
 
 

@@ -38,7 +38,7 @@ def unchanged(random: Random, text: bytes | str) -> bytes | str:
     return text
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_many_changed_files_are_read_or_refused_in_one_line() -> None:
     """Hundreds of each."""
     for read in FILES:

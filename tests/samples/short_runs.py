@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from msgspec import json
-
 from cubepath.agents.environments.world import World
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
@@ -156,7 +154,7 @@ def _round(world: World, actors: dict[int, Actor], number: int, *, notes: bool) 
             received={kind: senders for kind, senders in heard.items() if senders},
             failed=choices[module].failed,
         )
-        found.append(json.decode(json.encode(report), type=Report))
+        found.append(report)
     return found
 
 

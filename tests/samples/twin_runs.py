@@ -13,7 +13,6 @@ import msgspec
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType, as_choice
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
@@ -92,9 +91,9 @@ Place = tuple[int, int, int]
 """A round, the place of a kind in it, and a module."""
 
 
-def everything(recording: Recording) -> dict[Place, Json]:
+def everything(recording: Recording) -> dict[Place, Any]:
     """Return all that was said, each thing once, by its place in the run."""
-    found: dict[Place, Json] = {}
+    found: dict[Place, Any] = {}
     for record in recording.records:
         for part in parts_of(decode(record.data)):
             fields: dict[str, Any] = msgspec.to_builtins(part)

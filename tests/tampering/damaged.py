@@ -40,7 +40,7 @@ def said() -> Iterator[tuple[str, Message]]:
         for module in range(4):
             yield (
                 f"presence/module_{module}",
-                Presence(number, module, [number, -module, "x" * module]),
+                Presence(number, module, (number, -module, "x" * module)),
             )
         yield "ready/process_0", Ready(number, 0, "sense")
 

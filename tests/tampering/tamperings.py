@@ -152,7 +152,7 @@ def a_report_of_nobody() -> Recording:
 def a_move_from_elsewhere() -> Recording:
     report = first(crowd(), "report", moved)
     system: Any = crowd().scene.system
-    ends = next([*edge] for edge in system.edges if site_from_json(report.before) not in edge)
+    ends = next(edge for edge in system.edges if site_from_json(report.before) not in edge)
     return edited(crowd(), report, replace(report, move=GeneratorPlacement("edge", ends)))
 
 
@@ -206,7 +206,7 @@ def a_module_taken_along_stays() -> Recording:
     return edited(arm(), report, replace(report, site=report.before))
 
 
-@tampers("sites")
+@tampers("messages")
 def a_site_that_is_none() -> Recording:
     report = first(crowd(), "report", moved)
     return edited(crowd(), report, replace(report, site={"x": None}))

@@ -99,7 +99,7 @@ def a_cube_of_no_moves() -> Recording:
 @tampers("normal")
 def a_cube_of_no_action() -> Recording:
     cube = first(crowd(), "cube")
-    return edited(crowd(), cube, replace(cube, moves=[GeneratorPlacement("edge", [0, 0])]))
+    return edited(crowd(), cube, replace(cube, moves=[GeneratorPlacement("edge", (0, 0))]))
 
 
 @tampers("ends", "class")
@@ -113,7 +113,7 @@ def the_other_way_round() -> Recording:
     """Return cubes that are normal and end where the moves end, but go round the other side."""
     whole, taken = two_steps_round_a_circle()
     system: Any = whole.scene.system
-    left = [[*edge] for edge in system.edges if [*edge] not in taken]
+    left = [edge for edge in system.edges if edge not in taken]
     left.sort(key=lambda edge: whole.scene.start[0] not in edge)
 
     def turn(cube: Cube) -> Cube:

@@ -122,7 +122,7 @@ def a_stop_by_another_module() -> Recording:
 
 @tampers("schedule")
 def a_stop_for_a_move_of_no_cube() -> Recording:
-    return with_stop(stopped(), move=GeneratorPlacement("edge", [[9, 9], [9, 8]]))
+    return with_stop(stopped(), move=GeneratorPlacement("edge", ((9, 9), (9, 8))))
 
 
 @tampers("schedule")

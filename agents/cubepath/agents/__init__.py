@@ -1,8 +1,8 @@
-"""Agents: one module's view and choice, the module process, and the PettingZoo environments.
+"""Agents: what one module sees and chooses, its process, and the PettingZoo environments.
 
-Each module knows its neighbourhood only. It imports the protocol. This face offers what users need:
-to write a rule, to observe, to play in an environment, and to draw a state. Inside the project,
-names are imported from the modules that define them.
+A module knows only its neighbourhood. This package imports the protocol. It offers what you need to
+write a rule, to observe, to play in an environment, and to draw a state. Inside the project, import
+each name from the module that defines it.
 """
 
 from cubepath.protocol.faces import lazy_face

@@ -1,7 +1,7 @@
 """What the core takes from `theory` and `tools`: the one place that names their modules.
 
-Nothing here is imported before it is asked for. A person who changes how a run works never needs
-either package, and a command loads only what it uses.
+Nothing listed here is imported before it is used. To change how a run works you need neither
+package, and a command loads only what it uses.
 """
 
 from __future__ import annotations

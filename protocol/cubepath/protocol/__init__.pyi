@@ -38,13 +38,13 @@ from cubepath.protocol.path_files.moves import (
     read_cubes as read_cubes,
     read_moves as read_moves,
     write_cubes as write_cubes,
-    write_moves as write_moves,
 )
 from cubepath.protocol.path_files.optimality_proofs import (
     OptimalityProof as OptimalityProof,
     read_proof as read_proof,
     write_proof as write_proof,
 )
+from cubepath.protocol.path_files.path_lines import write_moves as write_moves
 from cubepath.protocol.recordings.cutting import (
     filter_recording as filter_recording,
     merge_recordings as merge_recordings,

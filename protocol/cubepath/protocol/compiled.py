@@ -2,10 +2,10 @@
 
 Array loops that numpy alone cannot express are compiled to machine code, once for each set of
 argument types. The result is kept on disk, beside the module or, where that is read-only, in the
-user's cache folder (`NUMBA_CACHE_DIR` names another), so only the first use after an installation
-waits for the compiler. numba is imported when the first function is compiled or loaded; until then
-the same functions do small work in plain Python, see `Compiled.for_work`. Source:
-https://numba.readthedocs.io, "Compiling Python code with @jit" and "Notes on Caching".
+user's cache folder (or the one that `NUMBA_CACHE_DIR` names), so only the first use after an
+installation waits for the compiler. numba is imported when the first function is compiled or
+loaded; until then the same functions do small work in plain Python, see `Compiled.for_work`.
+Source: https://numba.readthedocs.io, "Compiling Python code with @jit" and "Notes on Caching".
 """
 
 from __future__ import annotations

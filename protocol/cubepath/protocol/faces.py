@@ -1,9 +1,8 @@
-"""Faces: the four packages that users import from, names loaded on first access.
+"""Faces: the four packages that users import from, with names loaded on first access.
 
-The names of a face stand once, in the stub ``__init__.pyi`` beside its ``__init__.py``: type
-checkers read them there, and so does Python. Importing a face therefore costs nothing, and
-accessing a name loads only what that name needs: a module process never loads PettingZoo, nor a
-shortening matplotlib.
+The names of a face are listed once, in the stub ``__init__.pyi`` beside its ``__init__.py``, where
+type checkers and Python both read them. So importing a face costs nothing, and accessing a name
+loads only what that name needs: a module process never loads PettingZoo, nor shortening matplotlib.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The forms of files: one table of how each is recognised, and of what reads it.
 
-A file is what its first bytes or keys say, else what its name says, else a moves file. The code
-that reads a form is imported when a file of that form is read, and not before.
+The first bytes or keys of a file decide its form, else its name; any other file is a moves file.
+The code that reads a form is imported when a file of that form is read.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ def test_a_system_of_another_distribution() -> None:
     assert together(ring("ring:n=7", {"n": "7"}), [0, 1], 30).moves
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("spec", CROWDED)
 def test_many_steps_are_those_of_the_plain_world(spec: str) -> None:
     """Hundreds of moves of each family, with lost claims in plenty."""

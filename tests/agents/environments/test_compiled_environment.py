@@ -80,6 +80,7 @@ def test_the_same_when_places_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> 
     test_everything_that_is_returned_is_the_same("hex:n=4", copy=True)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(
     ("spec", "copy"), [*((spec, True) for spec in SCENES), ("agv-labelled", False)]
 )

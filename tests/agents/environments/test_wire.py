@@ -355,11 +355,11 @@ def test_a_report_of_a_move_that_is_none_is_refused() -> None:
     """By name from where it says it stood, and to where it says it stands."""
     world = WireWorld(scene_from_spec("agv:graph=P3,n=1"), seed=0, processes=0)
     try:
-        told = Report(1, 0, 0, 1, "granted", GeneratorPlacement("edge", [0, 1]), {})
+        told = Report(1, 0, 0, 1, "granted", GeneratorPlacement("edge", (0, 1)), {})
         assert world._made(told) == world.scene.system.move_named(0, "edge", (0, 1))
         assert world._made(replace(told, move=None)) is None
         for wrong in (
-            replace(told, move=GeneratorPlacement("edge", [1, 2])),
+            replace(told, move=GeneratorPlacement("edge", (1, 2))),
             replace(told, before=1),
             replace(told, site=2),
         ):

@@ -98,7 +98,7 @@ class Any3:
             attempt = self.asked[module] = self.begun(module, which, note=note)
         if attempt is not None:
             units = [*(unit for unit, _ in attempt.sensed), *(at for at, *_ in attempt.notes)]
-            first = min(TILES.keeper_of(tuple(unit)) for unit in units)
+            first = min(TILES.keeper_of(unit) for unit in units)
             self.keepers[first].ask(module, attempt)
 
     def begun(self, module: int, which: int, *, note: bool) -> Attempt | None:
@@ -192,8 +192,7 @@ def test_locks_are_those_of_what_is_prepared_or_held_and_nobody_waits_for_nothin
     _come_through(seed, steps)
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=1000)
 @given(SEEDS, STEPS)
 def test_that_holds_in_a_thousand_orders(seed: int, steps: int) -> None:

@@ -36,7 +36,7 @@ def opened(incarnation: int = 1, *, run: str = "run", keeper: int = 0) -> Opened
 
 
 def _passed(number: int) -> Forwarded:
-    return Forwarded(Attempt(0, 0, number, 0, [0, 0]), 0, 0, [], [], [], [], [])
+    return Forwarded(Attempt(0, 0, number, 0, (0, 0)), 0, 0, [], [], [], [], [])
 
 
 def _committed(serial: int) -> Committed:

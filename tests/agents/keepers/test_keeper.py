@@ -77,7 +77,7 @@ def attempt(module: int, number: int = 1, epoch: int = 0, **other: Any) -> Attem
     """Return an attempt to go to the hub."""
     site: Site = module + 1
     (move,) = [each for each in STAR.system.moves(site) if each is not None]
-    sensed = [(0, None), (site, site)]
+    sensed: list[tuple[Site, Site | None]] = [(0, None), (site, site)]
     made = Attempt(module, epoch, number, 0, site, move.generator, move.at, sensed)
     return replaced(made, **other)
 
@@ -313,7 +313,8 @@ def test_commits_are_fetched_some_at_a_time() -> None:
     for number in range(1, FETCH_MAX + 3):
         target = 0 if site else 2
         (move,) = [e for e in STAR.system.moves(site) if e is not None and e.target == target]
-        sensed = sorted([(site, site), (target, None)])
+        sensed: list[tuple[Site, Site | None]] = [(site, site), (target, None)]
+        sensed.sort(key=repr)
         keeper.ask(1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed))
         site = target
     keeper.said()

@@ -59,7 +59,8 @@ AFTER = Scenario(_from("agv:graph=S3,n=2", 0, 1), {0: 1, 1: 0, 2: 2, 3: 2}, _aft
 """One makes way for the other, which is refused before."""
 THREE = Scenario(_from("agv:graph=S3,n=3", 1, 2, 3), {0: 1, 1: 0, 2: 2, 3: 0}, _to_the_hub)
 
-THOROUGH = (pytest.mark.slow, pytest.mark.thorough, pytest.mark.timeout(300))
+THOROUGH = (pytest.mark.thorough, pytest.mark.timeout(300))
+NIGHTLY = (pytest.mark.nightly, pytest.mark.timeout(300))
 
 
 def test_one_of_two_is_committed_or_none() -> None:
@@ -130,16 +131,16 @@ def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> 
     ("scenario", "faults"),
     [
         *(
-            pytest.param(replace(HUB, holds={1: 1}), faults, marks=THOROUGH, id=f"held {at}")
+            pytest.param(replace(HUB, holds={1: 1}), faults, marks=NIGHTLY, id=f"held {at}")
             for at, faults in enumerate((Faults(loss=1), Faults(module=1), Faults(keeper=1)))
         ),
-        pytest.param(replace(HUB, holds={0: 1, 1: 1}), Faults(), marks=THOROUGH, id="both held"),
+        pytest.param(replace(HUB, holds={0: 1, 1: 1}), Faults(), marks=NIGHTLY, id="both held"),
         pytest.param(RING, Faults(double=1, keeper=1), marks=THOROUGH, id="ring"),
         *(
-            pytest.param(LONG, faults, marks=THOROUGH, id=f"long {at}")
+            pytest.param(LONG, faults, marks=NIGHTLY, id=f"long {at}")
             for at, faults in enumerate((Faults(loss=1), Faults(module=1), Faults(keeper=1)))
         ),
-        pytest.param(THREE, Faults(), marks=THOROUGH, id="three"),
+        pytest.param(THREE, Faults(), marks=NIGHTLY, id="three"),
     ],
 )
 def test_small_cases_are_exhausted(scenario: Scenario, faults: Faults) -> None:

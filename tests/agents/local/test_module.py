@@ -268,7 +268,7 @@ def test_each_kind_of_message_has_its_last_phase(kind: str, phase: str) -> None:
     messages: dict[str, Message] = {
         "presence": Presence(1, 1, 2),
         "note": NoteMessage(1, 1, 2, [7]),
-        "claim": Claim(1, 1, 2, "edge", [1, 2]),
+        "claim": Claim(1, 1, 2, "edge", (1, 2)),
         "verdict": Verdict(1, 1, 2, granted=True, to=[0]),
     }
     message = messages[kind]
@@ -285,7 +285,7 @@ def test_a_report_tells_what_was_heard_in_an_order_of_its_own() -> None:
     """By kind, then by module, whatever the order of arrival."""
     said: list[Message] = [
         *(Presence(1, module, module) for module in (1, 2, 10)),
-        *(Claim(1, module, module, "edge", [0, module]) for module in (1, 2, 10)),
+        *(Claim(1, module, module, "edge", (0, module)) for module in (1, 2, 10)),
     ]
     expected = [
         ("claim", 1),

@@ -110,7 +110,7 @@ def test_memory_does_not_grow_with_junk(case: tuple[str, str]) -> None:
     assert sizes[-1] - sizes[1] < 400_000, sizes
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(400)
 def test_two_hundred_thousand_messages() -> None:
     """As above, of many seeds; each tells some hundreds of messages."""

@@ -59,7 +59,7 @@ def why_not(message: Any, **given: Any) -> tuple[str, str]:
     """Return the reason why a message of modules is refused, and the line."""
     with pytest.raises(RefusedError) as caught:
         if isinstance(message, Bundle):
-            judge(**given).heard(message)
+            judge(**given).check(message)
         else:
             judge(**given).check_whole(message)
     assert caught.value.process is None
@@ -146,12 +146,11 @@ def test_parts_and_results_are_not_on_the_wire(message: Message) -> None:
         read(message)
 
 
-def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
-    """In the order of the parts; two kinds of one module are two things."""
-    message = said(Presence(4, 2, 7), Presence(4, 0, 3.0), Note(4, 0, 3, [5]), process=0)
-    heard = judge(note_length=1).heard(message)
-    assert heard.said == message
-    assert heard.senders == (7, 3, 3)
+def test_two_kinds_of_one_module_are_two_things() -> None:
+    """In any order of the parts."""
+    judge(note_length=1).check(
+        said(Presence(4, 2, 7), Presence(4, 0, 3), Note(4, 0, 3, [5]), process=0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -170,7 +169,7 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
             "presence of module_1 of round 4, said in",
         ),
         (said(Note(4, 1, 3, []), phase="claim"), "out of place", "note of module_1 of round 4"),
-        (said(Claim(4, 1, 3, "edge", [3, 4])), "out of place", "claim of module_1 of round 4"),
+        (said(Claim(4, 1, 3, "edge", (3, 4))), "out of place", "claim of module_1 of round 4"),
         (said(Verdict(4, 1, 3, True, [])), "out of place", "verdict of module_1 of round 4"),
         (
             said(Presence(4, 1, 3), Presence(4, 1, 3)),
@@ -183,29 +182,19 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
             "presence of module_1: 20 is no place of a module",
         ),
         (
-            said(Presence(4, 1, None)),
+            said(Presence(4, 1, ("x",) * 99)),
             "impossible",
-            "presence of module_1: None is no place of a module",
+            f"presence of module_1: {('x',) * 99!r:.80}... is",
         ),
         (
-            said(Presence(4, 1, ["x"] * 99)),
+            said(Claim(4, 1, 3, "edge", (4, 5)), phase="claim"),
             "impossible",
-            f"presence of module_1: {['x'] * 99!r:.80}... is",
+            "claim of module_1: edge at (4, 5) is no move from there",
         ),
         (
-            said(Claim(4, 1, 3, "edge", [4, 5]), phase="claim"),
+            said(Claim(4, 1, 3, "leap", (3, 4)), phase="claim"),
             "impossible",
-            "claim of module_1: edge at [4, 5] is no move from there",
-        ),
-        (
-            said(Claim(4, 1, 3, "leap", [3, 4]), phase="claim"),
-            "impossible",
-            "claim of module_1: leap at [3, 4] is no move from there",
-        ),
-        (
-            said(Claim(4, 1, 3, "edge", {}), phase="claim"),
-            "impossible",
-            "claim of module_1: edge at {} is no move from there",
+            "claim of module_1: leap at (3, 4) is no move from there",
         ),
         (
             said(Verdict(4, 1, 3, True, [4, 99]), phase="settle"),
@@ -231,7 +220,7 @@ def test_what_modules_cannot_say_is_refused(message: Bundle, reason: str, why: s
 def test_verdicts_may_be_said_one_by_one() -> None:
     """A message for each module of a process at most, counted from 0."""
     last = said(Verdict(4, 2, 7, True, [8]), phase="settle", number=1, process=0)
-    assert judge().heard(last).senders == (7,)
+    judge().check(last)
     over = said(Verdict(4, 2, 7, True, [8]), phase="settle", number=2, process=0)
     assert why_not(over)[0] == "out of place"
 
@@ -239,25 +228,25 @@ def test_verdicts_may_be_said_one_by_one() -> None:
 def test_notes_have_their_length_and_no_number_that_stands_for_none() -> None:
     """Of any length until it is known."""
     note = said(Note(4, 1, 3, [1, 2]))
-    assert judge().heard(note).said == note
-    assert judge(note_length=2).heard(note).said == note
+    judge().check(note)
+    judge(note_length=2).check(note)
     assert why_not(note, note_length=1) == ("malformed", "note of module_1: 2 numbers, expected 1")
     least = -(1 << 31)
-    assert judge().heard(said(Note(4, 1, 3, [least + 1])))
+    judge().check(said(Note(4, 1, 3, [least + 1])))
     line = f"note of module_1: {least} stands for no note, expected more"
     assert why_not(said(Note(4, 1, 3, [0, least]))) == ("malformed", line)
 
 
-@pytest.mark.parametrize("site", [[[0, 0], 0], [[0, 0], 2]])
+@pytest.mark.parametrize("site", [((0, 0), 0), ((0, 0), 2)])
 def test_a_label_of_the_scene_belongs_to_a_site(site: object) -> None:
     """A place alone is no site of a labelled system; verdicts go to places."""
     spec = "agv-labelled:graph=grid3x3,n=3"
-    assert judge(spec).heard(said(Presence(4, 1, site))).senders
-    assert judge(spec).heard(said(Verdict(4, 1, site, True, [[0, 1]]), phase="settle"))
+    judge(spec).check(said(Presence(4, 1, site)))
+    judge(spec).check(said(Verdict(4, 1, site, True, [(0, 1)]), phase="settle"))
 
 
 @pytest.mark.parametrize(
-    "site", [[0, 0], [[0, 0], 3], [[0, 0], -1], [[9, 0], 0], [[0, 0], "a"], [[0, 0], None]]
+    "site", [(0, 0), ((0, 0), 3), ((0, 0), -1), ((9, 0), 0), ((0, 0), "a"), ((0, 0), 0.5)]
 )
 def test_another_label_is_none(site: object) -> None:
     """Nor is a place that is not there."""

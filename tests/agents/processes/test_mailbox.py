@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 
-from cubepath.agents.processes.judge import HeardMessage
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -17,10 +16,10 @@ def row() -> System:
     return scene_from_spec("agv:graph=grid24x1,n=2").system
 
 
-def heard(*which: tuple[int, str, int, int]) -> list[HeardMessage]:
+def heard(*which: tuple[int, str, int, int]) -> list[Bundle]:
     """Return messages of these rounds, regions, processes and numbers."""
     return [
-        HeardMessage(Bundle(number, "claim", process, region, count, []), ())
+        Bundle(number, "claim", process, region, count, [])
         for number, region, process, count in which
     ]
 
@@ -36,9 +35,9 @@ def test_a_double_is_told_from_what_is_new() -> None:
     """What has the same region, process and number is known already."""
     inbox = Inbox()
     one, other = heard((1, "0,0", 1, 0), (1, "0,0", 1, 0))
-    assert not inbox.knows(other.said)
+    assert not inbox.knows(other)
     inbox.keep(one)
-    assert inbox.knows(other.said)
+    assert inbox.knows(other)
     assert inbox.kept(1, "claim") == [one]
 
 
@@ -70,7 +69,7 @@ def test_earlier_rounds_are_forgotten() -> None:
 def test_parts_go_to_the_regions_that_they_are_addressed_to() -> None:
     """A message a region, in the order of regions, each with the parts for it in their order."""
     outbox = Outbox(row(), "run", 3, 7)
-    near = [Presence(7, module, [column, 0]) for module, column in enumerate((15, 16, 7))]
+    near = [Presence(7, module, (column, 0)) for module, column in enumerate((15, 16, 7))]
     puts = outbox.say("sense", near)
     assert [each.key for each in puts] == [
         f"cubepath/run/to/{each}/process_3" for each in ("0,0", "1,0", "2,0")
@@ -86,7 +85,7 @@ def test_what_is_said_later_is_a_message_of_its_own() -> None:
     """It is put alone, has the next number, and is said again with the rest."""
     outbox = Outbox(row(), "run", 0, 1)
     verdicts = [
-        Verdict(1, module, [module, 0], granted=True, to=[[6, 0], [17, 0]]) for module in (0, 1)
+        Verdict(1, module, (module, 0), granted=True, to=[(6, 0), (17, 0)]) for module in (0, 1)
     ]
     first, second = (outbox.say("settle", [each]) for each in verdicts)
     assert [each.number for each in decoded(first)] == [0, 0]
@@ -101,7 +100,7 @@ def test_what_is_said_later_is_a_message_of_its_own() -> None:
 def test_nothing_of_the_round_before_is_said_again() -> None:
     """A round begins with nothing said."""
     outbox = Outbox(row(), "run", 0, 1)
-    outbox.say("sense", [Presence(1, 0, [0, 0])])
+    outbox.say("sense", [Presence(1, 0, (0, 0))])
     outbox.begin(2)
     assert (outbox.said("sense"), outbox.counts("sense")) == ([], {})
-    assert decoded(outbox.say("sense", [Presence(2, 0, [0, 0])]))[0].round == 2
+    assert decoded(outbox.say("sense", [Presence(2, 0, (0, 0))]))[0].round == 2

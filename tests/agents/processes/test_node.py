@@ -81,13 +81,9 @@ def hosts(
 def moving(*moves: tuple[Site, Site]) -> Schedule:
     """Return a schedule in which each module makes this move in round 1."""
     return {
-        module: {1: GeneratorPlacement("edge", [_json(one), _json(other)])}
+        module: {1: GeneratorPlacement("edge", (one, other))}
         for module, (one, other) in enumerate(moves)
     }
-
-
-def _json(site: Site) -> object:
-    return list(site) if isinstance(site, tuple) else site
 
 
 def put(effects: Sequence[Effect]) -> list[Message]:
@@ -216,7 +212,7 @@ def test_doubles_are_not_counted() -> None:
 
 def test_doubles_are_heard_once() -> None:
     """A module is given each message of others once."""
-    one, other = hosts(0, 1, schedule={1: {1: GeneratorPlacement("edge", [1, 2])}})
+    one, other = hosts(0, 1, schedule={1: {1: GeneratorPlacement("edge", (1, 2))}})
     here = said(begun(other))
     begun(one)
     hear(one, *here, *here)
@@ -230,7 +226,7 @@ def test_doubles_are_heard_once() -> None:
 
 def test_what_comes_before_its_phase_is_kept() -> None:
     """Also before its round has begun; when its phase is over nothing is missing."""
-    one, other = hosts(0, 1, schedule={1: {1: GeneratorPlacement("edge", [1, 2])}})
+    one, other = hosts(0, 1, schedule={1: {1: GeneratorPlacement("edge", (1, 2))}})
     assert hear(one, *said(begun(other))) == []
     hear(other, *said(begun(one)))
     assert hear(one, *said(begun(other, "claim", r0=2))) == []
@@ -450,7 +446,7 @@ def test_it_listens_at_the_new_place_before_it_reports() -> None:
     here = said(begun(node))
     begun(node, "claim", **{"r0,0": sum(each.region == "0,0" for each in here)})
     effects = begun(node, "settle")
-    assert report(effects).site == [8, 0]
+    assert report(effects).site == (8, 0)
     listen, ignore = Listen((to_region(RUN, "1,0"),)), Ignore((to_region(RUN, "0,0"),))
     kinds = [type(each) for each in effects]
     assert {listen, ignore} <= {each for each in effects if isinstance(each, Listen | Ignore)}
@@ -550,7 +546,7 @@ def test_actions_for_other_modules_have_no_effect() -> None:
 def test_a_reset_puts_modules_back_and_is_answered_each_time() -> None:
     """The rounds go on counting; it listens where its modules begin; an older one is ignored."""
     (node,) = hosts((7, 0), rule=OUTSIDE)
-    assert report(driven(node, 1, (8, 0))).site == [8, 0]
+    assert report(driven(node, 1, (8, 0))).site == (8, 0)
     effects = hear(node, Reset(2, 5))
     assert effects[0] == Timer(None)
     assert Listen((to_region(RUN, "0,0"),)) in effects
@@ -559,7 +555,7 @@ def test_a_reset_puts_modules_back_and_is_answered_each_time() -> None:
     assert timers(effects) == [None, 1.0]
     assert put(hear(node, Reset(2, 5))) == [Ready(2, 0, "join")]
     assert hear(node, Reset(1, 5)) == []
-    assert said(begun(node, number=3))[0].parts == [Presence(3, 0, [7, 0])]
+    assert said(begun(node, number=3))[0].parts == [Presence(3, 0, (7, 0))]
 
 
 def test_after_a_reset_ranks_count_from_the_first_round() -> None:

@@ -60,7 +60,7 @@ def to(target: Site) -> int:
 def test_a_move_says_what_was_sensed_of_its_support() -> None:
     """Its own place among it, though `occupants` need not have that."""
     assert asked(Choice(to(2))) == Attempt(
-        3, 1, 7, 9, 1, generator="edge", at=[1, 2], sensed=[(1, 1), (2, None)]
+        3, 1, 7, 9, 1, generator="edge", at=(1, 2), sensed=[(1, 1), (2, None)]
     )
 
 

@@ -102,7 +102,7 @@ def test_very_many_connected_instances_are_reached(scene: Scene, pace: Pace) -> 
 
 @pytest.mark.few(3)
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [3, 8, pytest.param(21, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("size", [3, 8, pytest.param(21, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(
     "pace",
     [Pace("random"), Pace("unfair", lag=4), Pace("turns"), Pace("random", lag=5, slow=50)],

@@ -46,7 +46,7 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, hesitate: float) ->
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "vehicles"),
-    [("K5", 4), ("grid4x4", 6), pytest.param("grid8x8", 12, marks=pytest.mark.thorough)],
+    [("K5", 4), ("grid4x4", 6), pytest.param("grid8x8", 12, marks=pytest.mark.nightly)],
 )
 def test_nobody_gives_up_in_runs_that_reach(graph: str, vehicles: int) -> None:
     """Many seeds where there is room: nobody runs out of patience."""

@@ -13,8 +13,8 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
-EDGE = GeneratorPlacement("edge", [0, 1])
-FAR = GeneratorPlacement("edge", [3, 4])
+EDGE = GeneratorPlacement("edge", (0, 1))
+FAR = GeneratorPlacement("edge", (3, 4))
 
 
 def test_it_claims_and_notes_what_is_on_record_round_by_round() -> None:

@@ -38,8 +38,8 @@ def vehicles(*starts: int) -> Scene:
 def test_each_module_moves_in_its_rounds_and_stays_in_others() -> None:
     """Two vehicles, one of which waits a round."""
     own: Own = {
-        0: {1: GeneratorPlacement("edge", [0, 1]), 3: GeneratorPlacement("edge", [1, 2])},
-        1: {2: GeneratorPlacement("edge", [4, 5])},
+        0: {1: GeneratorPlacement("edge", (0, 1)), 3: GeneratorPlacement("edge", (1, 2))},
+        1: {2: GeneratorPlacement("edge", (4, 5))},
     }
     played = play(vehicles(0, 4), scheduled(own), max_rounds=4)
     assert made(played) == [(1, 0, (0, 1)), (2, 1, (4, 5)), (3, 0, (1, 2))]
@@ -49,7 +49,7 @@ def test_each_module_moves_in_its_rounds_and_stays_in_others() -> None:
 
 def test_a_module_knows_its_own_moves_only() -> None:
     """Whatever is on the list of others, a module with an empty one stays."""
-    own: Own = {1: {1: GeneratorPlacement("edge", [0, 1])}}
+    own: Own = {1: {1: GeneratorPlacement("edge", (0, 1))}}
     played = play(vehicles(0, 3), scheduled(own), max_rounds=2)
     assert made(played) == []
     assert played.failed == "module_1: edge at [0,1] is no move from 3"
@@ -58,12 +58,14 @@ def test_a_module_knows_its_own_moves_only() -> None:
 @pytest.mark.parametrize(
     ("starts", "at", "reason"),
     [
-        ((0, 1), [0, 1], "edge at [0,1] is not admissible: site 1 is on, expected off"),
-        ((0,), [2, 3], "edge at [2,3] is no move from 0"),
-        ((0,), [0, 3], "generator edge: [0, 3] is no edge of the graph"),
+        ((0, 1), (0, 1), "edge at [0,1] is not admissible: site 1 is on, expected off"),
+        ((0,), (2, 3), "edge at [2,3] is no move from 0"),
+        ((0,), (0, 3), "generator edge: [0, 3] is no edge of the graph"),
     ],
 )
-def test_what_cannot_be_done_is_said(starts: tuple[int, ...], at: list[int], reason: str) -> None:
+def test_what_cannot_be_done_is_said(
+    starts: tuple[int, ...], at: tuple[int, ...], reason: str
+) -> None:
     """The module stays, and says in one line what is not as it must be."""
     own: Own = {0: {1: GeneratorPlacement("edge", at)}}
     played = play(vehicles(*starts), scheduled(own), max_rounds=2)
@@ -75,8 +77,8 @@ def test_what_cannot_be_done_is_said(starts: tuple[int, ...], at: list[int], rea
 def test_others_make_their_moves_of_the_same_round() -> None:
     """They do not hear of it before the round is over, and theirs commute with what is not done."""
     own: Own = {
-        0: {1: GeneratorPlacement("edge", [0, 1])},
-        2: {1: GeneratorPlacement("edge", [4, 5])},
+        0: {1: GeneratorPlacement("edge", (0, 1))},
+        2: {1: GeneratorPlacement("edge", (4, 5))},
     }
     played = play(vehicles(0, 1, 4), scheduled(own), max_rounds=3)
     assert made(played) == [(1, 2, (4, 5))]
@@ -96,7 +98,7 @@ def a_pivot(scene: Scene) -> tuple[GeneratorPlacement, Action]:
     move = next(
         m for m in scene.system.moves(scene.start[0]) if m is not None and m.possible(state)
     )
-    return GeneratorPlacement(move.generator, list(move.at)), move.action  # type: ignore[call-overload]
+    return GeneratorPlacement(move.generator, move.at), move.action
 
 
 def test_what_is_wrong_in_the_support_is_named() -> None:
@@ -139,7 +141,7 @@ def test_it_acts_through_observation_and_mask_alone() -> None:
     scene = vehicles(0)
     actor = actors_for(
         scene,
-        scheduled({0: dict.fromkeys((1, 2), GeneratorPlacement("edge", [0, 1]))}),
+        scheduled({0: dict.fromkeys((1, 2), GeneratorPlacement("edge", (0, 1)))}),
         seed=0,
         hesitate=0.0,
     )[0]
@@ -190,5 +192,5 @@ def test_a_pilot_may_be_born_where_its_module_stands() -> None:
 
 def test_a_schedule_as_text() -> None:
     """What is written is read back; sites are JSON."""
-    cubes = ((GeneratorPlacement("edge", [0, 1]), GeneratorPlacement("edge", ["a", [1, 2]])), ())
+    cubes = ((GeneratorPlacement("edge", (0, 1)), GeneratorPlacement("edge", ("a", (1, 2)))), ())
     assert schedule_from_jsonl(schedule_to_jsonl(cubes)) == cubes

@@ -18,7 +18,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.optimality_proofs import OptimalityProof, write_proof
 from cubepath.protocol.scenes.toml import scene_to_toml
-from processes.command_line import GOLDEN, PYTHON, ROOT, cubepath, in_shell
+from processes.command_line import GOLDEN, PYTHON, ROOT, in_shell
 from samples.strategies import scene
 
 PLANS = ROOT / "tests" / "data" / "imports"
@@ -109,7 +109,6 @@ def test_what_is_verified_comes_by_any_stream(line: str, told: str, folder: Path
     assert (done.returncode, done.stdout[: len(told)]) == (0, told)
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
     """Every kind of input that its content tells, also from the middle of a stream on."""
@@ -151,19 +150,6 @@ def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Pa
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"cubepath: {message}")
     assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_cubes_that_nobody_takes_are_told_as_every_answer_is(folder: Path) -> None:
-    """A full standard output is exit code 1, a closed pipe ends quietly."""
-    done = in_shell("cubepath shorten moves.jsonl -o - > /dev/full")
-    told = "cubepath: standard output: No space left on device\n"
-    assert (done.returncode, done.stderr) == (1, told)
-    reading, writing = os.pipe()
-    os.close(reading)
-    done = cubepath("shorten", "moves.jsonl", "-o", "-", stdout=writing)
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (141, "")
 
 
 def wait_until_it_reads(pid: int, pipe: int) -> None:

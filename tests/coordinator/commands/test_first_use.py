@@ -116,7 +116,6 @@ def test_small_work_compiles_nothing(work: str, arguments: tuple[str, ...], tmp_
     assert cached == []
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path, kept: Path) -> None:
     """A hundred thousand moves are too many for plain Python: compiled, and kept for later."""

@@ -195,6 +195,7 @@ def test_the_fixtures_of_the_plugin_run_no_file_that_a_log_names(canary: Path) -
     assert not canary.exists()
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
@@ -222,7 +223,6 @@ def test_no_process_runs_what_is_in_the_current_folder(tmp_path: Path, command: 
     assert not (tmp_path / "ran").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("log", ["0.mcap", "free-0.mcap"])
 def test_choices_are_checked_with_a_file_that_you_give(
     canary: Path, log: str, capsys: pytest.CaptureFixture[str]
@@ -239,7 +239,6 @@ def test_choices_are_checked_with_a_file_that_you_give(
     assert canary.exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "line"),
     [

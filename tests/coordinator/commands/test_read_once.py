@@ -138,11 +138,7 @@ def fell_once(found: Sequence[Carried]) -> None:
 
 OPTIONS = {
     "nothing else": (),
-    "cubes": ("-o", "out.jsonl"),
     "arrays": ("-o", "out.npz"),
-    "explained": ("--explain",),
-    "certified": ("--certificate", "out.certificate.json"),
-    "timed": ("--durations", "durations.toml", "-o", "out.jsonl"),
     "all that is of the class": (
         *("--explain", "--certificate", "out.json", "--durations", "durations.toml"),
         *("-o", "out.jsonl"),

@@ -146,37 +146,29 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     assert terminal.process.returncode == 0
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals) -> None:
-    """And nothing else of it: exit code 130, in one line."""
-    terminal = Terminal("replay", HEX, "--rate", "0.01")
-    try:
-        terminal.shows(r"playing, next: round 2, ")
-        terminal.process.send_signal(number)
-        terminal.wait(lambda: terminal.process.poll() is not None)
-        assert terminal.settings == terminal.before
-        assert terminal.close() == ""
-    finally:
-        terminal.process.kill()
-    assert terminal.process.returncode == 130
-    assert terminal.told.rstrip().endswith("cubepath: interrupted")
-
-
-@pytest.mark.slow
-def test_a_quit_leaves_the_terminal_as_it_was() -> None:
-    """It ends by the signal itself, at once."""
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        (signal.SIGQUIT, -signal.SIGQUIT),
+        pytest.param(signal.SIGINT, 130, marks=pytest.mark.thorough),
+        pytest.param(signal.SIGTERM, 130, marks=pytest.mark.thorough),
+    ],
+)
+def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals, code: int) -> None:
+    """A quit ends it at once, by the signal itself; any other with exit code 130, in one line."""
     terminal = Terminal("replay", HEX, "--rate", "0.01")
     try:
         terminal.shows(r"playing, next: round 2, ")
         assert terminal.settings != terminal.before
-        terminal.process.send_signal(signal.SIGQUIT)
+        terminal.process.send_signal(number)
         terminal.wait(lambda: terminal.process.poll() is not None)
         assert terminal.settings == terminal.before
     finally:
         terminal.process.kill()
-        terminal.close()
-    assert terminal.process.returncode == -signal.SIGQUIT
+        out = terminal.close()
+    assert (terminal.process.returncode, out) == (code, "")
+    if code == 130:
+        assert terminal.told.rstrip().endswith("cubepath: interrupted")
 
 
 @pytest.mark.slow

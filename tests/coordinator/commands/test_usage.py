@@ -10,24 +10,18 @@ from usage_errors import again, lines
 Capture = pytest.CaptureFixture[str]
 
 
-def test_no_command_asks_for_help(capsys: Capture) -> None:
-    """The commands with a line on each, as --help says them."""
-    assert main([]) == 0
+@pytest.mark.parametrize(
+    ("group", "line"),
+    [([], "shorten a path to its normal cube path"), (["log"], "show what a recording contains")],
+)
+def test_no_command_asks_for_help(group: list[str], line: str, capsys: Capture) -> None:
+    """Those of the group with a line on each, as --help says them; no options are built."""
+    assert main(group) == 0
     told = capsys.readouterr().out
     with pytest.raises(SystemExit):
-        main(["--help"])
+        main([*group, "--help"])
     assert told == capsys.readouterr().out
-    assert "shorten a path to its normal cube path" in told
-
-
-def test_a_group_of_commands_asks_for_help(capsys: Capture) -> None:
-    """Its commands with a line on each, as --help says them; their options are not built."""
-    assert main(["log"]) == 0
-    told = capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main(["log", "--help"])
-    assert told == capsys.readouterr().out
-    assert "show what a recording contains" in told
+    assert line in told
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ QUICK = {
     "assembly-6",
 }
 """Computed again every time, all others when there is time."""
+PROVED_QUICKLY = {"hex-4", "sliding-2", "labelled-corridor-4", "polygon-9", "words-6"}
+"""Of these, whose bounds are proved again every time."""
 ALL = {instance.name: instance for instance in standard()}
 STATES_MAX = 10_000
 SMALL = [
@@ -107,7 +109,7 @@ LONG = {"hex-12", "hex-slide-12"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", some(sorted(ALL.keys() - BY_SOLVERS), QUICK))
+@pytest.mark.parametrize("name", some(sorted(ALL.keys() - BY_SOLVERS), QUICK & PROVED_QUICKLY))
 def test_bounds_are_proved_again(name: str) -> None:
     """By exhaustive search where that ends, and then by no other search or bound contradicted."""
     instance = ALL[name]
@@ -129,7 +131,7 @@ def test_bounds_are_proved_again(name: str) -> None:
     assert better.cubes == instance.best
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", sorted(BY_SOLVERS - LONG))
 def test_bounds_of_solvers_are_proved_again(name: str, tmp_path: Path) -> None:
     """By a solver from the schedule on file on, and its proof is checked by code of its own."""
@@ -145,7 +147,6 @@ def test_bounds_of_solvers_are_proved_again(name: str, tmp_path: Path) -> None:
     assert check_optimality(read_proof(file)).optimal
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(BY_SOLVERS))
 def test_bounds_of_solvers_contradict_no_others(name: str) -> None:
     """They are greater than those that take no solver, and all of them at most the best known."""
@@ -164,8 +165,13 @@ def test_every_small_optimum_is_that_of_the_state_complex(name: str) -> None:
     assert found == instance.best == instance.bound
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.thorough if name in QUICK else pytest.mark.nightly)
+        for name in ALL
+    ],
+)
 def test_every_schedule_can_be_carried_out(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: object
 ) -> None:

@@ -167,12 +167,6 @@ def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None
     assert plots["growth-cubes"].count(">5/6<") == plots["cubes-over-best"].count(">5/6<") == 8
 
 
-def test_growth_of_three_sizes_is_not_fitted(folder: Path) -> None:
-    """A line through three points says little."""
-    rows = [row for row in read_sweep(folder).rows if row["system"] != "hex:n=6"]
-    assert growth_table(rows).rows == ()
-
-
 def test_growth_leaves_out_sizes_at_which_a_run_did_not_arrive(folder: Path) -> None:
     """The runs that did arrive there may be the easy ones."""
     rows = [row for row in read_sweep(folder).rows if row["rule"] == "chain"]
@@ -333,7 +327,7 @@ def test_a_report_mixes_no_versions(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert counted() == ([2, 3, 3], 4)  # of the other scene no run of `random` is there
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_tells_the_tables(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As text, and as one JSON document."""
     assert main(["report", str(folder), "--json"]) == 0

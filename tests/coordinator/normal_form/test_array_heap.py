@@ -67,8 +67,7 @@ def as_multisets(cubes: Sequence[Sequence[Action]]) -> list[Counter[Action]]:
 
 
 @each_way
-@pytest.mark.slow
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(all_words)
 def test_levels_are_those_of_the_reference(word: Word) -> None:
     """The moves of a level are a cube, and the pairs are equal moves that the heap took out."""
@@ -89,7 +88,7 @@ def test_levels_are_those_of_the_reference(word: Word) -> None:
 
 
 @each_way
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(all_words)
 def test_pairs_cancel_one_after_the_other(word: Word) -> None:
     """In the order of the later of each pair, all between the two commutes or is gone."""
@@ -142,7 +141,7 @@ def test_a_heap_that_was_not_to_tell_does_not() -> None:
 
 
 @each_way
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(all_words, st.integers(1, 40))
 def test_the_size_of_the_portions_does_not_matter(word: Word, portion: int) -> None:
     """Room that was made at once, and room made as it was needed, hold the same."""
@@ -154,19 +153,6 @@ def test_the_size_of_the_portions_does_not_matter(word: Word, portion: int) -> N
     for one, other in zip(at_once.pieces(), by_portions.pieces(), strict=True):
         assert one.tolist() == other.tolist()
     assert at_once.max_cube_dimension == by_portions.max_cube_dimension
-
-
-@each_way
-@settings(max_examples=50)
-@given(all_words)
-def test_everything_undone_leaves_nothing(word: Word) -> None:
-    """A word and its reverse: no cubes."""
-    heap = FastHeap()
-    heap.extend(word)
-    heap.extend(reversed(word))
-    assert (heap.cubes, heap.reduced_moves, heap.max_cube_dimension) == (0, 0, 0)
-    assert heap.cube_path() == ()
-    assert not cancellations([*word, *reversed(word)]).levels.any()
 
 
 def test_the_room_is_that_of_what_is_left() -> None:
@@ -203,7 +189,6 @@ def pieces_of(numbers: Numbers, levels: Numbers) -> list[tuple[int, int]]:
     return sorted(zip(levels[left].tolist(), numbers[left].tolist(), strict=True))
 
 
-@pytest.mark.slow
 def test_going_over_to_compiled_code_changes_nothing() -> None:
     """Wherever in a path that happens: the same pieces, and what became of every move."""
     out, table = ring(60, 1200)
@@ -222,8 +207,7 @@ def test_going_over_to_compiled_code_changes_nothing() -> None:
         assert fallen(left) == plain
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_million_moves_there_and_back() -> None:
     """Half a million moves of 8 sites, undone in part and as a whole; tests/bench has the time."""
     out, table = ring(500, 500_000)

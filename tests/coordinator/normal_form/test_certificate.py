@@ -32,7 +32,6 @@ from samples.strategies import (
     SCENES,
     Word,
     crowded_words,
-    detours,
     edge,
     random_walk,
     scene,
@@ -144,23 +143,6 @@ def test_the_certificate_of_a_walk_with_detours(data: st.DataObject) -> None:
     assert end_state(cubes, start) == end_state(path, start)
 
 
-@pytest.mark.slow
-@given(data=st.data())
-def test_a_detour_does_not_change_the_length_that_is_proved(data: st.DataObject) -> None:
-    """Two words of one class have certificates of one number of cubes."""
-    path = data.draw(words(max_size=16))
-    longer = data.draw(detours(path, [toggle(0), toggle(1, reads=[0]), toggle(7)]))
-    assert len(certificate_of(longer).chain) == len(certificate_of(path).chain)
-
-
-@pytest.mark.parametrize("path", [[], [toggle(1)], [toggle(1)] * 2, [toggle(1)] * 5])
-def test_small_paths(path: Word) -> None:
-    """Nothing, one move, there and back, and that once more and on."""
-    found = certificate_of(path)
-    assert not refused(path, found)
-    assert len(found.cubes) == len(path) % 2
-
-
 def test_a_schedule_that_is_not_normal_is_accepted_too() -> None:
     """A move may come later than it could: in the class, and no shorter schedule, all the same."""
     path = [edge(1, 2), edge(2, 3), edge(7, 8)]
@@ -236,7 +218,6 @@ def test_nothing_shorter_is_ever_accepted(path: Word, cut: int) -> None:
 # Why one waits for the other
 
 
-@pytest.mark.slow
 @given(letters=words(max_letters=2, max_size=8))
 def test_a_link_says_what_holds_a_move_up(letters: Word) -> None:
     """Of any two moves that do not commute it gives a site that both have and one writes."""
@@ -303,12 +284,6 @@ def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str, reason: st
     assert str(refusal.value).startswith(f"{path}: no cubepath-certificate-1")
     with pytest.raises(InputError, match="no cubepath-certificate-1"):
         certificate_from_json(text.encode())
-
-
-def test_a_certificate_that_is_not_there(tmp_path: Path) -> None:
-    """A missing file is named."""
-    with pytest.raises(InputError, match=r"none\.json: No such file"):
-        read_certificate(tmp_path / "none.json")
 
 
 # Cost

@@ -137,12 +137,6 @@ def test_the_numbers_of_a_part_say_from_where_on_they_count() -> None:
     assert (late.after, late.rounds) == (4, 25)
 
 
-def test_all_rounds_are_counted_where_all_is_compared() -> None:
-    """Of a whole recording too."""
-    found = replay(HEX)
-    assert (found.same, found.rounds_compared, found.rounds) == (True, 29, 29)
-
-
 def test_who_seeks_in_a_late_recording_is_told_where_modules_stand() -> None:
     """Before its first whole round, in which one was reported in part, and after it."""
     whole, late = (

@@ -20,7 +20,6 @@ from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Edges
 from cubepath.protocol.wire.sessions import open_client, subscribe
@@ -85,8 +84,8 @@ def test_steps_and_jumps_are_heard() -> None:
         position = msgspec.json.decode(data, type=Position)
         assert key == "player/position"
         assert (position.why, position.round, position.after) == ("seek", 12, 11)
-        assert position.modules == [to_json(site) for site in gatherer.sites]
-        assert sorted(position.sites) == sorted(position.modules)
+        assert position.modules == gatherer.sites
+        assert set(position.sites) == set(position.modules)
         twelfth = next(each for each in said if each.round == 12)
         assert player.step().message > position.message == twelfth.sequence
         assert ears.take(1) == [(twelfth.topic, twelfth.data)]

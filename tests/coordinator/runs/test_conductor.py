@@ -25,7 +25,7 @@ from cubepath.protocol.wire.messages import (
     Summary,
 )
 
-THERE, FURTHER = GeneratorPlacement("edge", [0, 1]), GeneratorPlacement("edge", [1, 2])
+THERE, FURTHER = GeneratorPlacement("edge", (0, 1)), GeneratorPlacement("edge", (1, 2))
 
 
 def scene(start: int = 0, goal: int = 2) -> Scene:

@@ -40,8 +40,10 @@ def test_a_router_that_dies_is_started_again(cubepath_run: RunFixture) -> None:
     run.finish().assert_legal()
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seconds", [1.5, 12])
+@pytest.mark.parametrize(
+    "seconds",
+    [pytest.param(1.5, marks=pytest.mark.thorough), pytest.param(12, marks=pytest.mark.nightly)],
+)
 @pytest.mark.parametrize("who", ["process_0", "router"])
 def test_who_stands_still_is_waited_for(cubepath_run: RunFixture, who: str, seconds: float) -> None:
     """Longer than it takes to ask again, and than the lease of a link."""

@@ -147,16 +147,6 @@ def test_unknown_suffixes_of_pictures(tmp_path: Path, name: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    """What cannot be written is refused in one line with its name."""
-    scene = scene_from_spec("arm:n=2")
-    path = tmp_path / "nowhere" / "run.png"
-    with pytest.raises(InputError, match=r"run\.png: cannot be written: No such file"):
-        run_picture(scene, [], [], path)
-    with pytest.raises(InputError, match=r"run\.gif: cannot be written: No such file"):
-        animate(scene, [], path.with_suffix(".gif"))
-
-
 @pytest.mark.thorough
 def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     """Where matplotlib can keep nothing, a picture is drawn all the same, and silently."""

@@ -200,29 +200,24 @@ def test_a_joined_process_that_ends_ends_the_run(
 
 
 @pytest.mark.thorough
-def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands) -> None:
-    """With one line, within seconds; the router is gone too."""
-    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
-    joined = joins(commands, listens(runs), "0-3")
-    goes_on(commands.folder)
-    runs.signal()
-    code, answer, errors = joined.end()
-    assert (code, answer) == (1, "")
-    assert errors[-1].endswith("is gone")
-
-
-@pytest.mark.thorough
-def test_a_joined_process_that_hears_nothing_ends_when_its_patience_is_over(
-    commands: Commands,
+@pytest.mark.parametrize(
+    ("number", "more", "line"),
+    [
+        (signal.SIGKILL, (), r"is gone$"),
+        (signal.SIGSTOP, ("--patience=3",), r"nothing was heard of run \w+ for 3 s$"),
+    ],
+)
+def test_a_joined_process_ends_when_its_coordinator_does_not_go_on(
+    commands: Commands, number: signal.Signals, more: tuple[str, ...], line: str
 ) -> None:
-    """The coordinator stands still; that may be for ever."""
+    """With one line: within seconds where it was killed, else when its patience is over."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
-    joined = joins(commands, listens(runs), "0-3", "--patience=3")
+    joined = joins(commands, listens(runs), "0-3", *more)
     goes_on(commands.folder)
-    runs.signal(signal.SIGSTOP)
+    runs.signal(number)
     code, answer, errors = joined.end()
     assert (code, answer) == (1, "")
-    assert re.search(r"nothing was heard of run \w+ for 3 s$", errors[-1])
+    assert re.search(line, errors[-1])
 
 
 @pytest.mark.thorough

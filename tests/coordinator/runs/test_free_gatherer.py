@@ -16,6 +16,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.free_messages import Commit, CommitLog
@@ -137,7 +138,9 @@ def test_a_unit_that_a_keeper_knows_later_than_was_gathered_is_named() -> None:
     found = FreeGatherer(scene, KEEPERS)
     found.tail(replace(tail, parts=[], serial=0))
     unit, version, *_ = next(each for each in tail.units if each[1])
-    assert f"at version {version}" in next(line for line in found.lacking() if str(unit[0]) in line)
+    assert f"at version {version}" in next(
+        line for line in found.lacking() if site_text(unit) in line
+    )
 
 
 def _written(moved: Commit, version: int, reads: int) -> Commit:

@@ -138,7 +138,7 @@ def test_only_what_can_be_is_gathered(spec: str) -> None:
         (replace(report, before=["nowhere", 99]), r'from \["nowhere",99\]: it is at'),
         (replace(report, site=report.before), "it ends at .*, and the moves take it to"),
         (replace(report, move=None), "it ends at .*, and the moves take it to"),
-        (replace(report, move=GeneratorPlacement("no-such", [0, 1])), "no-such at .* no move from"),
+        (replace(report, move=GeneratorPlacement("no-such", (0, 1))), "no-such at .* no move from"),
         (replace(report, move=GeneratorPlacement(report.move.generator, True)), "no move from"),
     ):
         with pytest.raises(CheckError, match=rf"report of module_{report.module}.*{message}"):
@@ -150,7 +150,7 @@ def rotating(rounds: int) -> Iterator[Report]:
     for number in range(1, rounds + 1):
         for module in range(10):
             before = (4 * module + number - 1) % 40
-            at = sorted((before, (before + 1) % 40))
+            at = tuple(sorted((before, (before + 1) % 40)))
             move = GeneratorPlacement("edge", at)
             yield Report(number, module, before, (before + 1) % 40, "granted", move, {})
 
@@ -209,7 +209,7 @@ def test_a_cube_has_the_name_that_was_reported_last(last: int) -> None:
     """An edge has two names; the digest and the rounds keep each as it was."""
     scene = circle()
     gatherer = Gatherer(scene)
-    names = ([0, 1], [1, 0])
+    names = ((0, 1), (1, 0))
     reported = [names[each] for each in (0, 1, 0, 1, last)]
     for number, at in enumerate(reported, 1):
         for module, start in enumerate(scene.start):
@@ -220,14 +220,14 @@ def test_a_cube_has_the_name_that_was_reported_last(last: int) -> None:
     assert gatherer.schedule() == ((GeneratorPlacement("edge", names[last]),),)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_more_movers_than_two_bytes_can_number_are_gathered() -> None:
     """The last of 65,537 modules moves, and is the mover on record."""
     gatherer = Gatherer(scene_from_spec("agv:graph=C65538,n=65537"))
     last = 1 << 16
     for module in range(last):
         gatherer.receive(Report(1, module, module, module, "none", None, {}))
-    move = GeneratorPlacement("edge", [last, last + 1])
+    move = GeneratorPlacement("edge", (last, last + 1))
     gatherer.receive(Report(1, last, last, last + 1, "granted", move, {}))
     assert [executed.module for executed in gatherer.steps[0].executed] == [last]
 

@@ -148,18 +148,22 @@ def quiet() -> list[Reports]:
     return found
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "do",
-    [NONSENSE, FLOOD, HUGE, FAKE, DISGUISED],
-    ids=["nonsense", "flood", "huge", "fake", "disguised"],
+    [
+        pytest.param(NONSENSE, id="nonsense", marks=pytest.mark.thorough),
+        pytest.param(FAKE, id="fake", marks=pytest.mark.thorough),
+        pytest.param(DISGUISED, id="disguised", marks=pytest.mark.thorough),
+        pytest.param(FLOOD, id="flood", marks=pytest.mark.nightly),
+        pytest.param(HUGE, id="huge", marks=pytest.mark.nightly),
+    ],
 )
 def test_what_a_guest_says_is_not_heard(do: str, quiet: list[Reports]) -> None:
     """Nonsense, 100,000 orders to stop, 100 MB at a time; as another, or as a router."""
     assert by_process(played(do)) == quiet
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_guest_that_reads_slowly_holds_nobody_up(quiet: list[Reports]) -> None:
     """Its queue fills, it is cut off, and comes back: each time the run waits a second at most."""
     assert by_process(played("time.sleep(15)", slow=True)) == quiet

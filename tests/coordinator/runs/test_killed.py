@@ -92,11 +92,23 @@ def assert_kept(recording: Recording, said: list[str]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rounds", [20])
-def test_a_killed_run_has_every_round_that_was_over(rounds: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("processes", "rounds"),
+    [
+        (0, 20),
+        *(
+            pytest.param(processes, rounds, marks=pytest.mark.nightly)
+            for processes in (0, 2)
+            for rounds in range(1, 40, 12)
+        ),
+    ],
+)
+def test_a_killed_run_has_every_round_that_was_over(
+    processes: int, rounds: int, tmp_path: Path
+) -> None:
     """Each with its edges, and what it was derived from: nothing but the end is missing."""
     path = tmp_path / "run.mcap"
-    said = killed(path, "lockstep", 0, rounds=rounds, seconds=0.0)
+    said = killed(path, "lockstep", processes, rounds=rounds, seconds=0.0)
     recording = read_recording(path)
     assert_kept(recording, said)
     over = max(int(line.split()[1]) for line in said if line.startswith("round"))
@@ -150,18 +162,3 @@ def test_what_was_said_last_is_written_where_nothing_follows(clock: str, tmp_pat
         finally:
             for other in others:
                 os.kill(other, signal.SIGCONT)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("rounds", range(1, 40, 12))
-@pytest.mark.parametrize("processes", [0, 2])
-def test_a_run_that_is_killed_often_has_every_round(
-    processes: int, rounds: int, tmp_path: Path
-) -> None:
-    """At many moments, with the modules in this process and in others."""
-    path = tmp_path / "run.mcap"
-    said = killed(path, "lockstep", processes, rounds=rounds, seconds=0.0)
-    recording = read_recording(path)
-    assert_kept(recording, said)
-    over = max(int(line.split()[1]) for line in said if line.startswith("round"))
-    assert verify(recording).rounds >= over

@@ -133,7 +133,7 @@ def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -
     assert outcome.path_digest == digest_of_play(system, "random", seed=4, hesitate=0.2, rounds=30)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_thousand_modules_reach_their_goal(tmp_path: Path) -> None:
     """Each vehicle of a crowd goes on by one column, as in the environment; verify passes."""
     scene = scene_from_spec("agv:graph=grid50x40,n=1000")
@@ -175,55 +175,6 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
     assert (outcome.rounds, outcome.moves, outcome.cubes) == (0, 0, 0)
     assert outcome.goal_reached
     assert read_recording(tmp_path / "a.mcap").problems == ()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["hexx"], "unknown system 'hexx'"),
-        (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
-        (["hex", "--rule", "chian"], "unknown rule 'chian'"),
-        (
-            ["triangulation:n=301"],
-            "triangulation:n=301: 301 points have too many flips to list them all",
-        ),
-        (["hex", "--log", "/proc/no/log.mcap"], "/proc/no/log.mcap: cannot be written"),
-    ],
-)
-def test_bad_usage_is_one_line_and_exit_code_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """What cannot be run is named in one line on standard error, and nothing is written."""
-    from cubepath.coordinator.commands.main import main
-
-    monkeypatch.chdir(tmp_path)
-    assert main(["run", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("plan", "message"),
-    [
-        (Plan(hesitate=1.5), "hesitate=1.5: expected at least 0 and less than 1"),
-        (Plan(hesitate=float("nan")), "hesitate=nan: expected at least 0 and less than 1"),
-        (Plan(seed=-1), "seed=-1: expected 0 or more"),
-        (Plan(processes=-1), "processes=-1: expected 0 or more"),
-        (Plan(max_rounds=-1), "max-rounds=-1: expected 0 or more"),
-    ],
-)
-def test_a_plan_with_a_number_out_of_its_bounds_is_refused(plan: Plan, message: str) -> None:
-    """From Python too, where no command line has looked at it."""
-    with pytest.raises(InputError) as caught:
-        run(plan)
-    assert str(caught.value) == message
 
 
 def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
@@ -387,7 +338,7 @@ def test_an_interrupt_closes_the_recording(tmp_path: Path, number: signal.Signal
     assert summary_of(recording).rounds == answer["rounds"] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_terminal_interrupt_reaches_every_process_and_closes_the_recording(
     tmp_path: Path,
 ) -> None:
@@ -436,7 +387,7 @@ def test_routers_that_die_as_they_start_are_started_again(tmp_path: Path) -> Non
         ends_whole(tmp_path, child)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_coordinator_that_is_paused_for_long_goes_on(tmp_path: Path) -> None:
     """For 12 s, longer than the lease of a link by default; it goes on within some seconds."""
     with started(tmp_path, "--processes", "2") as child:

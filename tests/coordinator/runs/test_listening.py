@@ -244,13 +244,6 @@ def test_another_thread_may_stop_the_run(tmp_path: Path) -> None:
         whole(running, "interrupted")
 
 
-def test_only_a_function_listens(tmp_path: Path) -> None:
-    """What cannot be called is refused at once."""
-    running = start(SYSTEM, processes=0, log=tmp_path / "a.mcap")
-    with pytest.raises(InputError, match=r"^listen: 5: expected a function of one message$"):
-        running.listen(5)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
-
-
 def test_what_is_heard_comes_in_the_order_of_the_log(tmp_path: Path) -> None:
     """Also what the coordinator finds in the last report of a round."""
     with start(SYSTEM, processes=1, log=tmp_path / "a.mcap") as running:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import site_hook, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from processes.command_line import GOLDEN
 from processes.elsewhere import Commands
@@ -109,11 +109,9 @@ def test_the_first_divergence_is_named(rule: str, round_number: int, kind: str, 
         parent, "report", lambda report: (report.round, report.module) == (WHEN, WHO)
     ).before
     assert told.site is not None
-    assert json.loads(told.site) == stood
+    assert told.site == site_text(stood)
     sensed = [each for each in told.sensed if each.startswith("sensed module_")]
-    here = {
-        tuple(each.site): each.module for each in parts(parent, "presence") if each.round == WHEN
-    }
+    here = {each.site: each.module for each in parts(parent, "presence") if each.round == WHEN}
     near = {
         there
         for there in here
@@ -134,6 +132,7 @@ def test_what_is_on_record_otherwise_diverges_where_it_is() -> None:
             *((b"true", b"false") if verdict.granted else (b"false", b"true"))
         ),
         type=type(verdict),
+        dec_hook=site_hook,
     )
     found = live(edited(parent, verdict, other), [0]).divergence
     assert found is not None

@@ -112,7 +112,6 @@ def test_a_log_that_lacks_what_others_know_is_refused(
     assert kept.refusal().endswith("Is a directory, expected a keeper's log")
 
 
-@pytest.mark.slow
 def test_incarnations_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
     """The next ones would not be later than those before."""
     kept = Kept(tmp_path)

@@ -75,7 +75,6 @@ def test_it_reaches_its_goal_together_with_modules_of_cubepath(outcome: Outcome)
     assert {each["region"] for each in said} == {"0,0", "1,0"}
 
 
-@pytest.mark.slow
 def test_verify_accepts_its_recording(outcome: Outcome) -> None:
     """The others chose by the rule on record, from what they heard of it; it names its own."""
     found = audit(read_recording(Path(outcome.log)))

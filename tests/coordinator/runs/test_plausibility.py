@@ -38,12 +38,12 @@ SEED = next(seed for seed in range(9) if rank(seed, 1, 0) > rank(seed, 1, 1))
 """In the first round vehicle 0 goes before vehicle 1."""
 Phase = Literal["sense", "claim", "settle"]
 PHASES: tuple[Phase, ...] = ("sense", "claim", "settle")
-LEFT, RIGHT = GeneratorPlacement("edge", [1, 2]), GeneratorPlacement("edge", [0, 1])
+LEFT, RIGHT = GeneratorPlacement("edge", (1, 2)), GeneratorPlacement("edge", (0, 1))
 
 
 def edge(one: int) -> GeneratorPlacement:
     """Return the move between two neighbouring vertices."""
-    return GeneratorPlacement("edge", [one, one + 1])
+    return GeneratorPlacement("edge", (one, one + 1))
 
 
 def plausibility(seed: int = SEED) -> Plausibility:
@@ -247,13 +247,13 @@ def in_region(region: str, *parts: Part, phase: Phase = "sense") -> Bundle:
 
 def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
     """Who says nothing to one of them, or another thing, is refused."""
-    one = Presence(1, 0, [7, 0])
+    one = Presence(1, 0, (7, 0))
     found = in_row()
     told(found, in_region("0,0", one))
     line = "no presence of module_0 to 1,0"
     assert refused(found, Ready(1, 0, "sense", {"0,0": 1})) == ("contradicts", line, None)
     told(found, in_region("1,0", one), Ready(1, 0, "sense", {"0,0": 1, "1,0": 1}))
-    claims = [Claim(1, 0, [7, 0], "edge", [[at, 0], [at + 1, 0]]) for at in (6, 7)]
+    claims = [Claim(1, 0, (7, 0), "edge", ((at, 0), (at + 1, 0))) for at in (6, 7)]
     found._state.discard((8, 0))
     told(found, in_region("0,0", claims[0], phase="claim"))
     lie = refused(found, in_region("1,0", claims[1], phase="claim"))

@@ -270,11 +270,3 @@ def test_what_is_asked_of_a_run_too_early_or_late_is_told(tmp_path: Path) -> Non
             running.restart("process_0")
     with pytest.raises(CheckError, match="no processes"):
         print(running.pids)
-
-
-def test_a_start_at_the_goal_has_ended(tmp_path: Path) -> None:
-    """There is nothing to step, and no process was started."""
-    with start("hex:n=3,bend=0,shift=0", log=tmp_path / "a.mcap") as running:
-        assert not running.goes_on
-        assert not running.step()
-    assert (running.outcome.ended, running.outcome.rounds) == ("goal", 0)

@@ -146,7 +146,7 @@ def test_the_command_carries_out_a_cubes_file(
 def test_a_move_may_be_named_from_either_end(tmp_path: Path) -> None:
     """An edge has no direction, so neither has its name."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[GeneratorPlacement("edge", [1, 0])], [GeneratorPlacement("edge", [1, 2])]])
+    write_cubes(path, [[GeneratorPlacement("edge", (1, 0))], [GeneratorPlacement("edge", (1, 2))]])
     outcome, recording = carry_out(path, "agv:graph=P3,n=1")
     assert outcome.rounds == 2
     assert outcome.goal_reached
@@ -156,7 +156,7 @@ def test_a_move_may_be_named_from_either_end(tmp_path: Path) -> None:
 def test_a_way_that_returns_is_gone_to_its_end(tmp_path: Path) -> None:
     """Round a cycle: the end is the start, and still every cube is carried out."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[GeneratorPlacement("edge", [a, (a + 1) % 4])] for a in range(4)])
+    write_cubes(path, [[GeneratorPlacement("edge", (a, (a + 1) % 4))] for a in range(4)])
     outcome, recording = carry_out(path, "agv:graph=C4,n=1")
     assert (outcome.rounds, outcome.cubes, outcome.goal_reached) == (4, 4, True)
     assert_whole(recording)
@@ -165,7 +165,7 @@ def test_a_way_that_returns_is_gone_to_its_end(tmp_path: Path) -> None:
 def test_a_cube_of_no_moves_is_a_round_of_rest(tmp_path: Path) -> None:
     """Nobody moves in it; and an empty file is a schedule of no rounds."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[], [GeneratorPlacement("edge", [0, 1])]])
+    write_cubes(path, [[], [GeneratorPlacement("edge", (0, 1))]])
     outcome, recording = carry_out(path, "agv:graph=P3,n=1")
     assert (outcome.rounds, outcome.cubes, outcome.schedule_cubes) == (2, 1, 2)
     assert_whole(recording)
@@ -514,8 +514,8 @@ def test_who_is_taken_along_is_followed() -> None:
         ('{"moves":[{"generator":"jump","at":[0,1]}]}', "cube 1: unknown generator 'jump'"),
         ('{"moves":[{"generator":"edge","at":[0]}]}', "cube 1: generator edge: 'at' has 2 entries"),
         ('{"moves":[{"generator":"edge","at":[1,1]}]}', "edge [1, 1] is a loop"),
-        ('{"moves":[{"generator":"edge","at":[0,null]}]}', "cube 1: a site is a JSON number"),
-        ('{"moves":[{"generator":"edge","at":null}]}', "cube 1: a site is a JSON number"),
+        ('{"moves":[{"generator":"edge","at":[0,null]}]}', ":1: a site is a JSON number"),
+        ('{"moves":[{"generator":"edge","at":null}]}', ":1: a site is a JSON number"),
         (
             '{"moves":[{"generator":"edge","at":[0,1]},{"generator":"edge","at":[1,2]}]}',
             "cube 1: its moves do not commute",
@@ -573,7 +573,7 @@ def test_a_listed_move_that_is_gone_stops_before_its_cube(tmp_path: Path) -> Non
     path = tmp_path / "cubes.jsonl"
     first = recorded("words", "random", seed=6, rounds=9)
     move = next(move for cube in gathered(first).schedule() for move in cube)
-    write_cubes(path, [[move], [GeneratorPlacement(move.generator, [99])]])
+    write_cubes(path, [[move], [GeneratorPlacement(move.generator, (99,))]])
     outcome, recording = carry_out(path, "words")
     stopped = outcome.schedule_stopped
     assert stopped is not None

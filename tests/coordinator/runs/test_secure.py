@@ -168,26 +168,3 @@ def test_a_secure_run_alone_is_over_tls_too(folder: Path, tmp_path: Path) -> Non
     assert (outcome.error, outcome.path_digest) == (None, alone.path_digest)
     assert [line.split(":")[0] for line in told] == ["endpoint tls/127.0.0.1"]
     assert GUEST.folder == ""
-
-
-@pytest.mark.parametrize(
-    ("more", "line"),
-    [
-        ({"listen": "tls/127.0.0.1:0"}, "expected a folder of certificates"),
-        ({"connect": "tls/127.0.0.1:7447"}, "expected a folder of certificates"),
-        ({"wait_for": 1}, "wait-for=1: no process can join a private run"),
-        ({"wait_for": 5, "listen": "tcp/127.0.0.1:0"}, "wait-for=5: expected 0 to 4"),
-        ({"listen": "tcp/127.0.0.1:0", "connect": "tcp/127.0.0.1:7447"}, "has a router already"),
-        ({"secure": Path("none"), "listen": "tcp/127.0.0.1:0"}, "expected tls/HOST:PORT with"),
-        ({"secure": Path("none")}, "none/authority.crt: No such file or directory, expected what"),
-        ({"connect": "unixsock-stream//tmp/s"}, "expected tcp/HOST:PORT or tls/HOST:PORT"),
-    ],
-)
-def test_a_network_that_makes_no_sense_is_refused_before_anything_starts(
-    more: dict[str, object], line: str, tmp_path: Path
-) -> None:
-    """InputError; no log is begun."""
-    log = tmp_path / "a.mcap"
-    with pytest.raises(InputError, match=line):
-        run(replace(Plan("hex:n=4", "random", max_rounds=5, log=log), **more))  # type: ignore[arg-type]
-    assert not log.exists()

@@ -68,7 +68,6 @@ def test_cubes_are_steps_as_they_are_given(tmp_path: Path) -> None:
     assert [set(cube) for cube in arrays.steps] == [set(cube) for cube in given.cubes]
 
 
-@pytest.mark.slow
 def test_cubes_as_arrays(tmp_path: Path) -> None:
     """What `shorten -o cubes.npz` writes is read with the system beside it."""
     from cubepath.coordinator.commands.main import main

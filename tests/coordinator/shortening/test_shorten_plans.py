@@ -61,13 +61,6 @@ def test_a_scenario_says_its_planners_rounds(name: str, rounds: int) -> None:
     assert shorten(AGV / f"{name}.json").planner_rounds == rounds
 
 
-def test_a_moves_file_says_nothing_of_rounds(tmp_path: Path) -> None:
-    """Nobody knows, so the key is null."""
-    path = tmp_path / "moves.jsonl"
-    path.write_text("")
-    assert shorten(path).document()["planner_rounds"] is None
-
-
 def test_a_plan_becomes_a_moves_file(tmp_path: Path) -> None:
     """Converted, it is a path by generator against the instance as a system."""
     target = tmp_path / "flips.jsonl"

@@ -54,7 +54,6 @@ def test_without_faults_there_are_moves_enough() -> None:
     assert found.moves >= 50
 
 
-@pytest.mark.slow
 def test_without_faults_the_goal_is_reached() -> None:
     """In fewer moves than end the faults."""
     assert held(HEX).outcome == "goal"
@@ -128,7 +127,7 @@ def test_ten_seeds_hold() -> None:
     assert len(kinds) >= len(FREE_KINDS) - 6
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(1200)
 def test_a_hundred_seeds_hold() -> None:
     """All kinds of faults happen in them, and all rules."""
@@ -143,7 +142,6 @@ def test_a_hundred_seeds_hold() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "bug",
     some(
@@ -157,7 +155,7 @@ def test_a_broken_keeper_is_found(bug: str) -> None:
     assert any(planted.run_of(seed).failure is not None for seed in range(60))
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(1200)
 def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
     """Within some hundreds of seeds, of which the first hundred do not show it."""

@@ -138,7 +138,7 @@ class Forger(HostNode):
         message = decode(effect.data)
         if not isinstance(message, Bundle) or self._config.process:
             return effect
-        parts = [Presence(each.round, each.module, [11, 2]) for each in message.parts]
+        parts = [Presence(each.round, each.module, (11, 2)) for each in message.parts]
         return Put(effect.key, encode(msgspec.structs.replace(message, parts=parts)))
 
 
@@ -153,7 +153,6 @@ def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
     assert found.failure.kind in ("accused", "ended")
 
 
-@pytest.mark.slow
 def test_lies_are_listed_and_shown() -> None:
     """The list of faults gives the same run; the picture has a remark."""
     first = LockstepSwarm(LYING).run_of(4)
@@ -193,12 +192,12 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
 @pytest.mark.slow
 def test_some_seeds_with_liars_hold() -> None:
     """No honest process dies or is accused, and each path is verified."""
-    runs = [LockstepSwarm(LYING).run_of(seed) for seed in range(30)]
+    runs = [LockstepSwarm(LYING).run_of(seed) for seed in range(8)]
     assert [run.failure for run in runs if run.failure] == []
-    assert sum(run.outcome == LIE for run in runs) > 5
+    assert sum(run.outcome == LIE for run in runs) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_hundred_and_fifty_seeds_with_liars_hold() -> None:
     """As above; each kind of lie is told."""
     told: Counter[str] = Counter()

@@ -7,14 +7,7 @@ from collections import Counter
 import pytest
 
 from cubepath.agents.rules.registry import BUILT_IN, fitting_rules
-from cubepath.coordinator.simulation.scenarios import (
-    INSTANCES,
-    ScenarioOptions,
-    built,
-    check,
-    scenario_of,
-)
-from cubepath.protocol.core.errors import InputError
+from cubepath.coordinator.simulation.scenarios import INSTANCES, ScenarioOptions, built, scenario_of
 from samples.local_families import LOCAL_FAMILIES
 
 
@@ -64,28 +57,6 @@ def test_what_is_asked_for_holds_for_all_seeds() -> None:
         assert scenario_of(seed, ScenarioOptions("agv:graph=K5,n=3")).system == "agv:graph=K5,n=3"
         assert scenario_of(seed, ScenarioOptions(rule="tswap")).system.startswith("agv:")
         assert len(scenario_of(seed, ScenarioOptions("arm", modules=7)).scene.start) == 7
-
-
-@pytest.mark.parametrize(
-    ("asked", "why"),
-    [
-        (ScenarioOptions("hex-connected"), "hex-connected"),
-        (ScenarioOptions("nonesuch"), "nonesuch"),
-        (ScenarioOptions("hex", rule="tswap"), "not for this system: rule 'tswap'"),
-        (
-            ScenarioOptions(rule="nonesuch"),
-            "unknown rule 'nonesuch', expected one of random, chain",
-        ),
-        (
-            ScenarioOptions("hex:n=3", modules=4),
-            "--modules 4 with --system hex:n=3: expected one of hex",
-        ),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused(asked: ScenarioOptions, why: str) -> None:
-    """Before the first seed, with what was found."""
-    with pytest.raises(InputError, match=why):
-        check(asked)
 
 
 def test_smaller_scenarios_have_fewer_modules_or_processes() -> None:

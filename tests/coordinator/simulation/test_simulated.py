@@ -125,7 +125,7 @@ def test_some_seeds_hold() -> None:
     assert outcomes["goal"] + outcomes["max-rounds"] >= 4
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_three_hundred_seeds_hold() -> None:
     """No seed fails, every kind of fault fires, and seven in ten go past all of their faults."""
     outcomes: Counter[str] = Counter()
@@ -174,7 +174,6 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
     assert found.recording.records[-1].kind == "summary"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "kinds"),
     [

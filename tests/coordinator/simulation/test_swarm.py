@@ -162,8 +162,8 @@ def test_the_command_replays_the_seed_alone() -> None:
 
 def test_messages_are_labelled() -> None:
     """In a few words: the kind, the round, and where it goes."""
-    here = Presence(3, 1, [0, 0])
-    claim = Claim(3, 1, [0, 0], "left", [0, 0])
+    here = Presence(3, 1, (0, 0))
+    claim = Claim(3, 1, (0, 0), "left", (0, 0))
     said = Bundle(3, "sense", 0, "0,1", 0, [here, here, claim])
     assert label(encode(said)) == "2 presence, claim to 0,1"
     assert label(encode(Go(3, "claim"))) == "go 3 claim"

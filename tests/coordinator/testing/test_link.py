@@ -99,7 +99,7 @@ def ends(both_ends: Ends) -> Iterator[Ends]:
 
 
 @pytest.mark.parametrize("key", [UP, DOWN])
-@pytest.mark.parametrize("count", [2000, pytest.param(20_000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [2000, pytest.param(20_000, marks=pytest.mark.nightly)])
 def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -> None:
     """Twenty thousand messages, with a rule that is asked about each and meets none."""
     ends.link.add(Rule(action="drop", pattern=Pattern(kind="bundle")))
@@ -253,32 +253,32 @@ def test_a_rule_remembers_so_many_messages_and_no_more(monkeypatch: pytest.Monke
     assert len(among._copies) == 10
 
 
-def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
+@pytest.mark.parametrize(
+    ("where", "told"),
+    [
+        (lambda _: 1 // 0 > 0, "ZeroDivision"),
+        (lambda _: pytest.fail("not this"), ".*not this"),  # which is no Exception
+    ],
+)
+def test_a_rule_that_raises_is_told_and_the_message_passes(
+    ends: Ends, where: Callable[[WireMessage], bool], told: str
+) -> None:
     """With what it raised; the link goes on."""
-    ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: 1 // 0 > 0)))
-    ends.say(UP, ready(1))
-    assert ends.hear(UP, 1) == [ready(1)]
-    with pytest.raises(CheckError, match=r"^a rule of the link of process_0 raised ZeroDivision"):
-        ends.link.check()
-    ends.link.clear()
-    ends.link.check()
-
-
-def test_a_rule_that_fails_the_test_does_not_stop_the_link(ends: Ends) -> None:
-    """What `pytest.fail` raises is no Exception; it is told as well."""
-    ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: pytest.fail("not this"))))
-    ends.say(UP, ready(1))
-    assert ends.hear(UP, 1) == [ready(1)]
-    with pytest.raises(CheckError, match=r"^a rule of the link of process_0 raised .*not this"):
-        ends.link.check()
+    ends.link.add(Rule(action="drop", pattern=Pattern(where=where)))
+    goes_on_and_tells(ends, f"^a rule of the link of process_0 raised {told}")
 
 
 def test_what_a_link_raises_is_told_and_it_goes_on(ends: Ends) -> None:
     """A token or an answer that cannot be shown holds nothing else up."""
     ends.link.up.do(lambda: print(1 // 0))
+    goes_on_and_tells(ends, r"^the link of process_0 raised ZeroDiv.* the way up$")
+
+
+def goes_on_and_tells(ends: Ends, line: str) -> None:
+    """Say a message, which passes; the link has a line on what was raised, until it is cleared."""
     ends.say(UP, ready(1))
     assert ends.hear(UP, 1) == [ready(1)]
-    with pytest.raises(CheckError, match=r"^the link of process_0 raised ZeroDiv.* the way up$"):
+    with pytest.raises(CheckError, match=line):
         ends.link.check()
     ends.link.clear()
     ends.link.check()

@@ -176,17 +176,6 @@ def test_free_sites_and_guards_are_heeded(steps: int, on: int) -> None:
     assert begin.tolist() == before
 
 
-@both_ways
-@pytest.mark.parametrize("path", [[], [edge(1, 2)], [edge(1, 2)] * 2, [edge(1, 2)] * 3])
-def test_small_paths(steps: int, path: Word) -> None:
-    """Nothing, one move, there and back, and on."""
-    known, became = numbered(path), cancellations(path)
-    with plain_steps(steps):
-        found = certificate_of(known, found=became, start=frozenset({1}))
-        assert found == certificate_of(path, start=frozenset({1}))
-        assert not any(check_numbered(found, known, frozenset({1})).values())
-
-
 @pytest.mark.parametrize(
     "wrong",
     [

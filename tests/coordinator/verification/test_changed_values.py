@@ -10,7 +10,7 @@ from changed_values import Raised, answers
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "seed"),
-    [(300, 0), pytest.param(5000, 1, marks=[pytest.mark.thorough, pytest.mark.timeout(400)])],
+    [(150, 0), pytest.param(5000, 1, marks=[pytest.mark.nightly, pytest.mark.timeout(400)])],
 )
 def test_whatever_one_value_is_changed_to_nothing_else_is_raised(count: int, seed: int) -> None:
     """A message, a parameter or an attachment: `python tests/changed_values.py` tries a million."""

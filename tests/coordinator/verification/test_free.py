@@ -138,7 +138,7 @@ def test_a_single_value_that_was_changed_is_found(spec: str) -> None:
     assert set(is_found(recording, 3, 17)) <= NOT_PROVED
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("spec", ["agv:graph=grid6x3,n=3", "hex:n=3"])
 def test_in_a_longer_run_a_single_value_that_was_changed_is_found(spec: str) -> None:
@@ -333,7 +333,6 @@ def test_a_missing_commit_is_found_by_its_number() -> None:
     assert {"serials", "complete", "tails"} <= failing(found)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("place", [["x", 0], [0], [], "x", None, [0, 0, 0], [[0], 0], [1 << 70, 0]])
 def test_a_unit_of_a_tail_that_the_system_does_not_have_is_found(place: object) -> None:
     """Its keeper cannot be derived, so the check fails in one line, whatever the value is."""

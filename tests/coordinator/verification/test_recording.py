@@ -162,9 +162,9 @@ def test_where_the_cubes_end_elsewhere_the_site_is_named() -> None:
     whole = crowd()
     summary = first(whole, "summary")
     last = first(whole, "cube", lambda message: message.index == summary.cubes)
-    assert [move.at for move in last.moves] == [[[1, 1], [2, 1]]]
+    assert [move.at for move in last.moves] == [((1, 1), (2, 1))]
     less = edited(whole, last, replace(last, moves=[]))
-    one_more = Cube(last.round, last.index + 1, [GeneratorPlacement("edge", [[2, 3], [3, 3]])])
+    one_more = Cube(last.round, last.index + 1, [GeneratorPlacement("edge", ((2, 3), (3, 3)))])
     more = edited(
         edited(whole, last, last, one_more), summary, replace(summary, cubes=one_more.index)
     )
@@ -180,7 +180,7 @@ def test_edges_are_compared_up_to_the_last_round() -> None:
     last = first(whole, "summary").rounds
     edges = first(whole, "edges", lambda message: message.round == last)
     before = first(whole, "edges", lambda message: message.round == last - 1)
-    wrong = replace(edges, moves=[Executed(0, "edge", [[0, 0], [0, 1]]), *edges.moves])
+    wrong = replace(edges, moves=[Executed(0, "edge", ((0, 0), (0, 1))), *edges.moves])
     assert failing(verify(edited(killed, edges))) == {"complete"}
     for recording, old, new, said in (
         (whole, edges, [], f"round {last}: no edges on record"),
@@ -271,7 +271,7 @@ def test_recordings_from_several_processes_pass(spec: str, rule: str) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_many_real_recordings_pass() -> None:
     """Over many seeds, with claims lost in most runs, no check raises a false alarm."""
     lost = 0

@@ -78,7 +78,7 @@ def test_what_no_damage_touched_is_recovered_and_nothing_is_made_up(tmp_path: Pa
     check(range(40), tmp_path)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_the_same_of_a_thousand(tmp_path: Path) -> None:
     """Cut off, with flipped bits, or both."""
     check(range(40, 1000), tmp_path)

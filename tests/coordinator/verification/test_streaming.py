@@ -40,10 +40,10 @@ MODULES_OF_RESULTS = (
 """Imported for the tamperings that they add."""
 
 SOME = [
-    pytest.param(make, id=make.__name__, marks=[pytest.mark.thorough] if number % 4 else [])
+    pytest.param(make, id=make.__name__, marks=[pytest.mark.nightly] if number % 4 else [])
     for number, (make, _) in enumerate(each.values for each in TAMPERINGS)
 ]
-"""Each tampering, most of them thorough."""
+"""Each tampering, most of them nightly."""
 
 
 def written(recording: Recording) -> Recording:

@@ -23,13 +23,6 @@ from cubepath.protocol.core.sites import Site
 STEP = Action({"a", "b"}, {"a", "b"}, {"a"}, {"b"}, label="step")
 
 
-def test_local_states_are_an_unordered_pair() -> None:
-    """An action equals its reverse, whatever it is called, and has the same hash."""
-    back = Action({"a", "b"}, {"a", "b"}, {"b"}, {"a"}, label="back")
-    assert back == STEP
-    assert hash(back) == hash(STEP)
-
-
 @pytest.mark.parametrize(
     "other",
     [
@@ -130,23 +123,6 @@ def test_only_the_support_is_looked_at() -> None:
     assert len(looked) <= 4
 
 
-def test_a_guard_lets_a_free_site_be_on_only_beside_its_neighbour() -> None:
-    """Free, but if on then so is the one that the arrow points to."""
-    guarded = Action(
-        {"a", "b", "over", "next"},
-        {"a", "b"},
-        {"a"},
-        {"b"},
-        free={"over", "next"},
-        guards={("over", "next")},
-    )
-    assert admissible(guarded, {"a"})
-    assert admissible(guarded, {"a", "next"})
-    assert admissible(guarded, {"a", "over", "next"})
-    assert not admissible(guarded, {"a", "over"})
-    assert "so 'next' must be on" in why_inadmissible(guarded, {"a", "over"})
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -190,25 +166,6 @@ def test_conditions_that_contradict_the_definition_are_refused(
     """
     with pytest.raises(InputError, match=f"^{message}$"):
         Action({*"Aabc", "on"}, {"a", "b"}, {"a", "on"}, {"b", "on"}, label="step", **conditions)
-
-
-def test_a_free_site_may_be_on_in_no_local_state() -> None:
-    """Neither in that before nor in that after."""
-    for before, after in (({"a", "f"}, set[Site]()), (set[Site](), {"a", "f"})):
-        with pytest.raises(InputError, match="site 'f' is free and in the trace or a local"):
-            Action({"a", "f"}, {"a"}, before, after, free={"f"})
-
-
-def test_a_guard_may_not_lie_in_the_trace() -> None:
-    """A guard in the trace could hold before and fail after, so the move could not be undone."""
-    with pytest.raises(InputError, match="guard site 'a'"):
-        Action({"a", "b"}, {"a", "b"}, {"a"}, {"b"}, guards={("a", "b")})
-
-
-def test_a_misfit_is_named() -> None:
-    """Applying where not admissible says which site is not as it must be."""
-    with pytest.raises(InputError, match="site 'a' is off, expected on"):
-        apply(STEP, set())
 
 
 WIDE = Action(
@@ -277,12 +234,6 @@ def test_which_of_the_two_local_states_is_shown() -> None:
         None,
         None,
     ]
-
-
-def test_an_action_is_shown_by_its_label_or_its_trace() -> None:
-    """For people, in messages."""
-    assert repr(STEP) == "Action(step)"
-    assert repr(STEP.labelled("")) == "Action(('a', 'b'))"
 
 
 sites = st.sets(st.integers(0, 6), min_size=1)

@@ -299,38 +299,3 @@ def test_a_move_can_be_undone_by_the_same_module() -> None:
                     assert move.target in after
                     back = [m for m in system.moves(move.target) if m and m.action == move.action]
                     assert [m.motion for m in back] == [tuple((b, a) for a, b in move.motion)]
-
-
-Motion = tuple[tuple[Cell, Cell], ...]
-STRIDE = Generator(
-    "step", ((0, 0), (1, 0)), ((0, 0), (1, 0)), ((0, 0),), ((1, 0),), (((0, 0), (1, 0)),)
-)
-
-
-@pytest.mark.parametrize("cell", [(True, 0), (0, False), (0, 0, 0), (0.0, 1), "ab", 7])
-def test_a_cell_is_whole_numbers(cell: object) -> None:
-    """A boolean is none, though Python takes it for one; neither is a float."""
-    with pytest.raises(InputError, match="a site of lattice squares is 2 integers"):
-        SQUARES.check(cell)
-
-
-def test_names_of_generators_stand_once() -> None:
-    """Two of one name could not be told apart in a file of moves."""
-    with pytest.raises(InputError, match="generator 'step' stands twice in the catalogue"):
-        Catalogue(SQUARES, (STRIDE, replace(STRIDE, name="other"), STRIDE))
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        (((0, 0), (0, 0)),),
-        (((0, 0), (0, 1)),),
-        (((1, 0), (1, 0)),),
-        (((1, 0), (0, 0)),),
-        (((0, 0), (1, 0)), ((0, 0), (0, 0))),
-    ],
-)
-def test_modules_go_where_the_local_states_say(motion: Motion) -> None:
-    """From every site of the trace that is on before, to one that is on after, and no other."""
-    with pytest.raises(InputError, match="'step': 'goes' must take every site of the trace"):
-        replace(STRIDE, motion=motion)

@@ -258,12 +258,3 @@ def test_a_file_is_known_by_every_name(tmp_path: Path) -> None:
     assert all(same_file(file, tmp_path / name) for name in ("hard", "soft", "folder/../file"))
     assert not same_file(file, tmp_path / "folder")
     assert not same_file(Path(os.devnull), Path(os.devnull))
-
-
-def test_an_error_of_the_body_is_its_own(tmp_path: Path) -> None:
-    """A fault in what is written is not told as a file that cannot be written."""
-    path = tmp_path / "cubes.jsonl"
-    path.write_bytes(b"old")
-    with pytest.raises(RuntimeError, match="of the body"), written_whole(path):
-        raise RuntimeError("of the body")
-    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"old"]

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import DEPTH_MAX, Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import (
+    DEPTH_MAX,
+    Site,
+    in_order,
+    site_from_json,
+    site_hook,
+    site_text,
+)
 
 
 def nested(depth: int) -> Any:
@@ -43,6 +51,17 @@ def test_what_names_no_place(value: Any, found: str) -> None:
     """Null, objects, and booleans, which Python takes for 0 and 1, at any depth."""
     with pytest.raises(InputError, match=f"JSON number, string or list, found {found}$"):
         site_from_json(value)
+
+
+def test_a_decoder_with_the_hook_reads_sites_or_names_the_field() -> None:
+    """Sites in lists too, in their one spelling; null, which the type allows, stays null."""
+    decoder = msgspec.json.Decoder(dict[str, list[Site | None]], dec_hook=site_hook)
+    assert decoder.decode(b'{"to": [[[0, 1.0], "x"], 2.0, null]}') == {
+        "to": [((0, 1), "x"), 2, None]
+    }
+    expected = r"a site is a JSON number, string or list, found true - at `\$\[...\]\[1\]`$"
+    with pytest.raises(msgspec.ValidationError, match=expected):
+        decoder.decode(b'{"to": [1, true]}')
 
 
 ALIKE = (

@@ -94,6 +94,7 @@ def test_self_contained_lines_are_what_the_reader_of_lines_says(
     assert told(read_moves_npz(folder / "m.npz").moves()) == told(expected)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", SCENES)
 def test_generators_come_back_from_every_form(tmp_path: Path, spec: str) -> None:
     """Lines and arrays, with free sites and guards where the system has them."""
@@ -185,7 +186,7 @@ def sample() -> NumberedPath:
     moves = [
         PathMove(step, 1, frozenset({1})),
         PathMove(step, "back", frozenset({2})),
-        PathMove(guarded, GeneratorPlacement("slide", [0, 1])),
+        PathMove(guarded, GeneratorPlacement("slide", (0, 1))),
     ]
     path = number_moves(moves)
     return NumberedPath(
@@ -211,7 +212,7 @@ def test_cubes_are_written_and_read_back_in_binary(tmp_path: Path) -> None:
     cubes = NumberedCubes(np.array([0, 1, 2]), np.array([2, 1]))
     target = tmp_path / "c.npz"
     write_cubes_npz(target, sample(), cubes)
-    assert read_cubes_npz(target) == ((GeneratorPlacement("slide", [0, 1]),), ("back",))
+    assert read_cubes_npz(target) == ((GeneratorPlacement("slide", (0, 1)),), ("back",))
     assert holds_cubes(target)
     with pytest.raises(InputError, match="format: found 'cubepath-cubes-1'"):
         read_moves_npz(target)

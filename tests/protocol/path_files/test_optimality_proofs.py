@@ -140,7 +140,7 @@ def test_a_changed_byte_is_refused_with_its_place(
     assert says_where(said, written, place)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_every_changed_byte_is_refused(written: bytes, tmp_path: Path) -> None:
     """All bytes of a small proof, each with all its bits flipped one by one."""
     for place in range(len(written)):

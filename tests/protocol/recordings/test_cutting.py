@@ -256,7 +256,7 @@ def test_other_runs_are_not_merged() -> None:
     [
         ({}, "expected one of parts, rounds"),
         ({"parts": 2, "rounds": 1}, "expected one of parts, rounds"),
-        ({"parts": 9999}, "has 241 messages, expected at most so many parts, not 9999"),
+        ({"parts": 9999}, "cannot split 241 messages into 9999 parts"),
         ({"size": 1000}, "has no room for scene, parameters and message"),
     ],
 )

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import msgspec
 import pytest
 from hypothesis import given, strategies as st
 from mcap.reader import make_reader
@@ -162,7 +160,7 @@ except CubepathError as error:
     copy_recording(read_recording(path), out)
     size = out.stat().st_size
     out.unlink()
-    for most in (0, 1000, size - 10):
+    for most in (0, size - 10):
         done = subprocess.run(
             [sys.executable, "-c", code, path, out, str(most)],
             capture_output=True,
@@ -184,15 +182,6 @@ def test_a_copy_replaces_no_file(tmp_path: Path) -> None:
     assert out.read_text() == "other"
 
 
-def test_schemas_describe_the_messages() -> None:
-    """Every schema that goes on record is one object with its kind as a constant."""
-    kinds: Sequence[str] = ("presence", "report", "edges", "cube", "summary")
-    for kind in kinds:
-        schema = schema_of(kind)
-        assert schema["properties"]["kind"] == {"enum": [kind]}
-        assert msgspec.json.encode(schema)
-
-
 def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
     """A report with a key more is read, also where its move has one."""
     told = (
@@ -201,7 +190,7 @@ def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
     move = '"move":{"generator":"edge","at":[0,1],"cost":3}'
     found = decode(f'{{{told},{move},"later":true}}'.encode())
     assert isinstance(found, Report)
-    assert found.move == GeneratorPlacement("edge", [0, 1])
+    assert found.move == GeneratorPlacement("edge", (0, 1))
 
 
 def test_a_scene_that_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import RING, hex_catalogue
-from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -176,13 +175,6 @@ def test_a_shape_that_is_none_is_refused() -> None:
     """The scenes are named where another is asked for."""
     with pytest.raises(InputError, match="scene=disc: expected one of chain, ring, hub"):
         scene_from_spec("hex-connected:scene=disc")
-
-
-def test_it_is_marked_as_non_local() -> None:
-    """The summary says so first, and there is no rule for it."""
-    family = all_families()["hex-connected"]
-    assert family.summary.startswith("non-local: ")
-    assert not family.rule
 
 
 def test_no_environment() -> None:

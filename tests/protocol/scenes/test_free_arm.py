@@ -22,7 +22,6 @@ from cubepath.protocol.scenes.families.arms import (
     free_arm_catalogue,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.complexes import actions_at, f_vector, states_of
 
@@ -145,15 +144,6 @@ def test_the_segments_keep_their_order_along_the_arm() -> None:
     (rising, falling) = flips()
     assert dict(rising.motion) == {(0, 0, 0): (0, 0, 1), (1, 0, 1): (0, 1, 0)}
     assert dict(falling.motion) == {(0, 0, 0): (1, 0, 1), (0, 0, 1): (0, 1, 0)}
-
-
-def test_a_scene_is_the_same_after_a_file() -> None:
-    """The base is an obstacle of the file."""
-    scene = scene_from_spec("arm-free:n=3,start=uru,goal=lll")
-    again = scene_from_toml(scene_to_toml(scene), "text")
-    assert scene_to_toml(again) == scene_to_toml(scene)
-    assert again.system.filled == {BASE}
-    assert states_of(again) == states_of(scene)
 
 
 @pytest.mark.parametrize(

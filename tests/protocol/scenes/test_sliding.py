@@ -14,7 +14,6 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.shapes import sliding_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.cells import cells_of
 from oracles.complexes import actions_at, f_vector, states_of
@@ -162,16 +161,6 @@ def test_a_longer_run_is_sensed_from_farther() -> None:
         sensed = cells_of(site for site in system.sensed((0, 0)) if site is not None)
         assert max(x for x, _ in sensed) == k + 2
         assert all(min(abs(x), abs(y)) <= 1 for x, y in sensed)
-
-
-def test_a_scene_is_the_same_after_a_file() -> None:
-    """Guards and free sites are written too."""
-    scene = scene_from_spec("sliding:p=2,q=1,n=3")
-    again = scene_from_toml(scene_to_toml(scene), "text")
-    assert isinstance(again.system, LatticeSystem)
-    assert isinstance(scene.system, LatticeSystem)
-    assert again.system.catalogue == scene.system.catalogue
-    assert again.system.filled == scene.system.filled
 
 
 @pytest.mark.parametrize(

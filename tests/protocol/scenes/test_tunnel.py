@@ -90,7 +90,7 @@ def collapsed(cubes: Cubes) -> Counter[int]:
 
 @pytest.mark.parametrize(
     ("sizes", "numbers"),
-    [*SIZES.items(), *(pytest.param(*item, marks=pytest.mark.thorough) for item in LARGE.items())],
+    [*SIZES.items(), *(pytest.param(*item, marks=pytest.mark.nightly) for item in LARGE.items())],
 )
 def test_the_complex_collapses_to_a_point(sizes: str, numbers: list[int]) -> None:
     """Cubes of each dimension as counted by another program; one vertex is left of them."""

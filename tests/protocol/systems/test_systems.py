@@ -126,7 +126,6 @@ def test_hexagons_sense_two_and_claim_three_far() -> None:
     assert set(system.reach((0, 0))) == within[3]
 
 
-@pytest.mark.few(7)
 @pytest.mark.parametrize("spec", SPECS)
 def test_a_scene_is_the_same_after_a_file(spec: str) -> None:
     """Every built-in system can be written as TOML, read back, and pickled, unchanged."""

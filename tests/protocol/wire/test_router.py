@@ -135,7 +135,7 @@ def test_a_router_that_stands_still_is_waited_for(
         pass
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_router_may_stand_still_for_longer_than_an_attempt_takes(place: Path) -> None:
     """Processes that start meanwhile find it when it goes on."""
     with Router() as router, standing_still(router, 16.0), open_client(router.endpoint, None):

@@ -1,11 +1,11 @@
-"""Many environments of one scene, as arrays: reset, observe, step.
+"""Many environments of one scene as arrays: reset, observe, step.
 
-A batch holds the dynamic part of each environment, a seed of its own among it; the static part,
-`Tables`, is common to all. Relative observations are those of `RelativeObserver`, to the last bit.
+A batch holds what changes in each environment, including its seed; what never changes, `Tables`, is
+shared. Relative observations equal those of `RelativeObserver` bit for bit.
 
-Loading compiled code takes about a second, and compiling it a quarter of a minute, once for an
-installation. Small work is done before that; while large work waits for the compiler, which runs in
-a process of its own, the plain world serves.
+Loading the compiled code takes about a second, and compiling it a quarter of a minute, once per
+installation. Small work runs without it. Large work waits for the compiler, which runs in a
+separate process while the plain world steps in.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
 PLACES_MAX = 1 << 16
-"""So many places may have numbers before those that were left behind are forgotten..."""
+"""This many places may have numbers before those that were left behind are forgotten..."""
 PLACES_EACH = 64
-"""...or so many for each module of the batch."""
+"""...or this many for each module of the batch."""
 
 
 def tables_of(scene: Scene, *, notes: bool) -> Tables:
@@ -220,7 +220,7 @@ class Batch:
         told: tuple[NDArray[np.bool_], Ints] | None = None,
         live: NDArray[np.uint8] | None = None,
     ) -> NDArray[np.int8]:
-        """Play one round in every live environment and observe; return what came of each action.
+        """Play one round in every live environment and observe; return the result of each action.
 
         `actions` has shape (environments, modules). `told` says which modules speak, shape
         (environments, modules), and their notes. Actions are held against what was observed last.
@@ -312,7 +312,7 @@ class RelativeArrays:
     """Makes the relative observations of a batch; `array` is overwritten each time."""
 
     def __init__(self, batch: Batch) -> None:
-        """Take in what modules know from birth."""
+        """Take in what modules know from the start."""
         scene = batch.scene
         system = scene.system
         self._batch, self._system = batch, system
@@ -444,7 +444,7 @@ _compiler = _Compiler()
 
 
 def is_due(agents: int) -> bool:
-    """Return whether so many agents go on in compiled code; if not, their step is counted."""
+    """Return whether this many agents continue in compiled code; if not, their step is counted."""
     return not allowance.grant(_AGENT_STEP_US * agents) and _compiler.ready()
 
 

@@ -1,7 +1,7 @@
-"""The tables of a lattice, worked out by translation in compiled code.
+"""The tables of a lattice, computed by translation in compiled code.
 
-Cells are numbered by a hash of their coordinates, so the lattice has no end and no window: tables
-grow with the cells that modules meet, wherever they wander.
+Cells are numbered by a hash of their coordinates, so the lattice has neither an end nor a window:
+tables grow with the cells that modules reach.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ class LatticeTables(Tables):
         return Cells(coordinates, limits, self.places.background, self._slots)
 
     def _make_room(self, more: int) -> None:
-        """Make room for so many more cells."""
+        """Make room for this many more cells."""
         count, self.count = self.count, self.count + more
         self._room()
         for each in self._cell_arrays:

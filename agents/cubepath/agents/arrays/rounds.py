@@ -1,7 +1,7 @@
-"""A round of all environments of a batch, in compiled code: claims, moves, observations.
+"""One round of all environments of a batch, in compiled code: claims, moves, observations.
 
-The same as a round of the plain world, which is the reference: tests hold the two together step by
-step. Two claims that conflict are compared by rank, and what does not conflict is granted.
+The plain world is the reference, and tests compare the two step by step. Two claims that conflict
+are compared by rank; a claim without conflicts is granted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cubepath.agents.local.random_streams import hashed_compiled
 from cubepath.protocol.compiled import compiled, inner
 
 STAYED, GRANTED, LOST, ILLEGAL = 0, 1, 2, 3
-"""What came of a module's action."""
+"""The result of a module's action."""
 SILENT = np.iinfo(np.int32).min
 
 
@@ -335,7 +335,7 @@ def grant_by_rank(waiting: int, rivals: Ints, scratch: Scratch) -> None:
             while first[claim] >= 0:
                 pair, side = first[claim] >> 1, first[claim] & 1
                 rival = rivals[pair, 1 - side]
-                # Whoever has a granted rival is beaten: had it the greater rank, that would not be.
+                # A claim with a granted rival is lost: had it the greater rank, that would not be.
                 if granted[rival] == _WON:
                     verdict = _BEATEN
                     break

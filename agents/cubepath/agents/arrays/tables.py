@@ -1,11 +1,11 @@
-"""The static part of a scene as arrays, grown as modules come to new places.
+"""The static part of a scene as arrays, which grow as modules reach new places.
 
-Places are numbered as they are met; number 0 is no place. A *stand* is a site where a module can
-be: what it senses and can do there is worked out when the first module comes there, so tables are
-as large as the part of the world that was visited, whatever the system.
+Places are numbered in the order in which they are reached; number 0 is no place. A *stand* is a
+site where a module can be. What a module senses and can do there is computed when the first module
+arrives, so tables are as large as the visited part of the world, whatever the system.
 
-Sites whose moves are the same up to the names of the places are of one *kind*. A kind speaks of
-places by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
+Sites whose moves are the same up to the names of the places are of one *kind*. A kind names places
+by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
 """
 
 from __future__ import annotations
@@ -282,7 +282,7 @@ class GrowingArray:
         self.array: NDArray[Any] = np.full((16, *tail), value, dtype)
 
     def room(self, count: int) -> bool:
-        """Make room for so many rows; return whether the array was replaced."""
+        """Make room for this many rows; return whether the array was replaced."""
         if count <= len(self.array):
             return False
         size = max(count, 2 * len(self.array))

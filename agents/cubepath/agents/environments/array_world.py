@@ -1,10 +1,10 @@
-"""The lockstep world of one environment in compiled code, with what PettingZoo asks for.
+"""The lockstep world of one environment in compiled code.
 
-It gives what `World` gives, for all modules at once.
+It answers as `World` does, for all modules at once.
 
-The moves of many runs are arrays too: each distinct move once, and by number wherever it was made.
-A run of a thousand rounds makes hundreds of thousands of moves of few hundred kinds; as objects,
-round by round, they would cost more than to play them.
+The moves of many runs are arrays too: each distinct move is stored once and referred to by number.
+A run of a thousand rounds makes hundreds of thousands of moves of a few hundred kinds; keeping an
+object for each would cost more than playing them.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class MoveKeeper:
         actions: NDArray[np.int32],
         playing: NDArray[np.bool_],
     ) -> None:
-        """Keep what came of a round; `actions` were chosen, shape (runs, modules)."""
+        """Keep the results of a round; `actions` were chosen, shape (runs, modules)."""
         tables, places, codes = before
         if tables is not self._tables:
             self._name()
@@ -164,7 +164,7 @@ class ArrayWorld:
 
     @classmethod
     def after(cls, world: World, *, relative: bool) -> ArrayWorld:
-        """Return a world in the state of a plain one, from which it goes on."""
+        """Return a world in the state of a plain one, from which it continues."""
         found = cls(world.scene, seed=world.seed, note_length=world.note_length, relative=relative)
         found.batch.put(0, world.sites, world.round, world.spoken())
         return found

@@ -74,10 +74,10 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         """Make the environment; `note_length` is the length of the notes that `step` accepts.
 
         With ``copy=False`` the dicts and arrays that `reset` and `step` return are the same each
-        time, and overwritten: twice as fast, for who has read them before the next step. `world`
-        is "plain" for the world in plain Python, which is the reference; "compiled" for the one in
+        time, and overwritten: twice as fast, for who has read them before the next step. `world` is
+        "plain" for the world in plain Python, which is the reference; "compiled" for the one in
         compiled code, which gives the same and is a hundred times as fast; by default the first
-        begins, and the second goes on from there when there is more to do than to compile.
+        begins, and the second continues from there when there is more to do than to compile.
         """
         EzPickle.__init__(
             self,

@@ -1,8 +1,8 @@
-"""The PettingZoo environment without rounds, and the usual ways to make environments.
+"""The PettingZoo environment without rounds, and the functions that make environments.
 
-Modules act by themselves, one after another; who acts next in one process, a scheduler says. Each
-scheduler lets every module act again and again, and follows from the seed and from what came of the
-turns so far. `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
+Modules act one after another. In one process, a scheduler decides who acts next; it lets every
+module act again and again, and depends only on the seed and the results of earlier turns.
+`parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from cubepath.protocol.core.system import Scene
 _TICKS = 1000
 """Between two turns of a module with speed factor 1, on average."""
 _PATIENCE = 30
-"""An unfair scheduler lets a module wait for so many turns for each module that there is."""
+"""An unfair scheduler lets a module wait for this many turns for each module that there is."""
 
 
 class Scheduler(Protocol):
     """Chooses who acts."""
 
     def next(self, *, committed: bool) -> int:
-        """Return which module acts, given what came of the turn before; False at first."""
+        """Return which module acts, given the result of the previous turn; False at first."""
         raise NotImplementedError
 
     @property
@@ -74,7 +74,7 @@ class RoundRobin:
 
 
 class RandomOrder:
-    """Each at a pace of its own: with factor f a module acts f times more rarely than with 1.
+    """Each at its own pace: with factor f a module acts f times more rarely than with 1.
 
     The time between two of its turns is drawn from 1 - `jitter` to 1 + `jitter` times the average.
     """
@@ -108,9 +108,9 @@ class RandomOrder:
 
 
 class UnfairOrder:
-    """Whoever acted last acts again, as long as something comes of it.
+    """The module that acted last acts again, as long as that changes something.
 
-    Then comes whoever acted last before that and has not acted in vain since the last commit. A
+    Then comes the one that acted last before it and has not acted in vain since the last commit. A
     module that has waited for `_PATIENCE` turns for each module goes before all others.
     """
 
@@ -176,9 +176,9 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
 
     `agent_selection` is who acts next, as the scheduler wants it. Observation, mask and action are
     those of `CubepathEnv`; with a `note_length` observations have ``notes``, the registers within
-    reach, and ``register``, the agent's own. `step` attempts the chosen move, which is committed at
-    once or refused, if what the agent was shown does not hold any more; `declare` before it adds
-    what else a `Choice` has. ``infos[agent]`` tells of the agent's last turn: ``committed``,
+    reach, and ``register``, the agent's own. `step` attempts the chosen move, which is committed
+    immediately or refused, if what the agent was shown does not hold any more; `declare` before it
+    adds what else a `Choice` has. ``infos[agent]`` tells of the agent's last turn: ``committed``,
     ``refused`` (why, or None) and ``illegal``. All agents share one reward: the change in the
     fraction of goal places that are taken. The episode terminates at the goal, and is truncated
     after `max_cycles` turns for each agent.
@@ -186,7 +186,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
     scheduler: ``"random"``, seeded, with `speeds` (a module with factor f acts f times more rarely)
     and `jitter` (the time between two turns is 1 - jitter to 1 + jitter times the average);
     ``"unfair"``, which prefers those that acted last; ``"turns"``. `lag` shows agents what is up to
-    so many commits old. What is attempted follows from the seed and the actions.
+    this many commits old. What is attempted follows from the seed and the actions.
 
     >>> env = FreeEnv("hex:n=3", max_cycles=20)
     >>> env.reset(seed=1)
@@ -308,7 +308,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
         self._declared = choice
 
     def act(self, choice: Choice) -> ActionResult:
-        """Step with a whole choice, and return what came of it."""
+        """Step with a whole choice, and return the result."""
         self.declare(choice)
         self.step(choice.action)
         if self.last_turn is None:  # `step` has just set it

@@ -1,7 +1,7 @@
-"""The world without rounds in one process: one keeper, and what each module is shown of it.
+"""The world without rounds in one process: one keeper, and what each module sees of it.
 
-Every attempt is decided at once, by the keeper that decides it on the wire. What a module is shown
-may be out of date, as it is there; what counts is what holds.
+The keeper decides every attempt immediately, with the code that keepers run on the wire. What a
+module sees may be out of date, as on the wire; the keeper compares it with the present state.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cubepath.agents.local.observation import Note, Observation, chosen_move, go
 from cubepath.agents.rules.actor import attempt_of
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -99,9 +99,9 @@ class _Module:
 class FreeWorld:
     """All modules of a scene around one keeper; each acts by itself.
 
-    With a `lag` a module is shown each place as it was up to so many commits ago, drawn anew for
-    each place and turn, but never as it was before what it was shown there earlier. Its own site
-    is up to date, and its own register may be out of date too.
+    With a `lag` a module is shown each place as it was up to this many commits ago, drawn anew for
+    each place and turn, but never as it was before what it was shown there earlier. Its own site is
+    up to date, and its own register may be out of date too.
     """
 
     def __init__(self, scene: Scene, *, seed: int, note_length: int = 0, lag: int = 0) -> None:
@@ -246,14 +246,14 @@ class FreeWorld:
                 decision = next(part for part in message.parts if isinstance(part, Decision))
             elif isinstance(message, TileUpdate):
                 for part in message.parts:
-                    site = None if part.site is None else site_from_json(part.site)
-                    self._change(site_from_json(part.place), site, tuple(part.note))
+                    site = part.site
+                    self._change(part.place, site, tuple(part.note))
         if decision is None:  # one keeper alone waits for nobody
             raise AssertionError(f"no answer to {attempt}")
         return decision
 
     def _change(self, place: Site, site: Site | None, note: Note) -> None:
-        """Take note of what is shown of a place from now on."""
+        """Note what is shown of a place from now on."""
         if self.lag:
             old = self._occupants.get(place), self._notes.get(place, ())
             past = self._past.setdefault(place, _Past([0], [old]))
@@ -268,7 +268,7 @@ class FreeWorld:
     def _committed(self, module: int, moved: Commit) -> None:
         self.commits += 1
         for who, _, to, _ in moved.motion:
-            self.sites[who] = site_from_json(to)
+            self.sites[who] = to
         for _, who, _, note in moved.notes:
             if note is not None:
                 self.registers[who] = tuple(note)

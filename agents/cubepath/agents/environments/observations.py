@@ -1,6 +1,6 @@
-"""What an environment gives to its users: observations, infos, arrays, pictures and shares.
+"""What an environment returns: observations, infos, arrays, pictures and shares.
 
-Worlds know absolute observations alone; here they become relative where that is asked for.
+Worlds know only absolute observations. This module makes them relative on request.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ObservationEncoder:
     """Turns what the modules of a scene see into what the environment shows."""
 
     def __init__(self, scene: Scene, showing: str) -> None:
-        """Take in what modules know from birth; InputError if `showing` is no `Showing`."""
+        """Take in what modules know from the start; InputError if `showing` is no `Showing`."""
         self._system = scene.system
         goals = scene.goals or ((),) * len(scene.start)
         self._observers = (

@@ -1,6 +1,6 @@
-"""Play a rule in one process: once, with many seeds, with rounds and without.
+"""Play a rule in one process: once or with many seeds, with rounds or without.
 
-Rules with a vectorised form are played in compiled code, all runs side by side.
+Rules with a vectorised form run in compiled code, all runs side by side.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def play_in_python(
 
 
 Watch: TypeAlias = Callable[[FreeWorld, ActionResult], None]
-"""Is told of a turn, with the world after it."""
+"""Called after each turn with the turn and the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ def play_free(
 
     `system` is a scene or its name, and `rule` a rule or its name, as for `play`. The arguments
     from `scheduler` to `lag` are those of `FreeEnv`. `restarts` has the modules that lose all they
-    know before a turn, by its number from 1. `watch` is told of each turn. InputError as for
+    know before a turn, by its number from 1. `watch` is called after each turn. InputError as for
     `play`, or if `max_cycles` is negative.
 
     >>> played = play_free("hex:n=4", seed=1)
@@ -382,7 +382,7 @@ class _Playing:
 
 
 _ROUNDS = 20
-"""A run is taken to have so many rounds, to tell whether compiled code pays."""
+"""A run is taken to have this many rounds, to tell whether compiled code pays."""
 
 
 def play(

@@ -1,4 +1,4 @@
-"""Learning with Stable-Baselines3: environments for it, and what it has learned as a rule.
+"""Learning with Stable-Baselines3: environments for it, and trained models as rules.
 
 The library is an extra, ``pip install 'cubepath[learning]'``, imported when needed.
 """
@@ -50,11 +50,9 @@ def sb3_env(
     >>> env.num_envs, env.reset().shape, sb3_rule("learned", model).name
     (16, (16, 27), 'learned')
 
-    Args:
-        system: a system by name or file as on the command line, or a scene.
-        num_envs: how many environments.
-        max_cycles: an episode is truncated after so many rounds.
-        observation: "relative", float32 between -1 and 1, or "absolute", int32.
+    Args: system: a system by name or file as on the command line, or a scene. num_envs: how many
+        environments. max_cycles: an episode is truncated after this many rounds. observation:
+        "relative", float32 between -1 and 1, or "absolute", int32.
 
     `action_masks`, as `MaskablePPO` asks for it, is bool of shape (rows, moves + 1). The reward is
     that of PettingZoo, the same for all modules of an environment, which end together: an episode

@@ -1,6 +1,6 @@
-"""Environments as Stable-Baselines3 has them, a row for each module.
+"""Environments in the form that Stable-Baselines3 expects, with one row per module.
 
-Imported only where the library is there: see `sb3`. Source: its `VecEnv`, and the masks of
+Import it only where the library is installed: see `sb3`. Source: its `VecEnv`, and the masks of
 sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 """
 
@@ -131,7 +131,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     def set_attr(
         self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None
     ) -> None:
-        """Raise AttributeError: rows are modules, which have no attributes of their own."""
+        """Raise AttributeError: rows are modules, which have no attributes."""
         del value, indices
         raise AttributeError(f"a module has no attribute {attr_name!r} to be set")
 

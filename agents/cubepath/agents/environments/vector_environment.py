@@ -1,7 +1,7 @@
-"""Many episodes of one scene side by side, as Gymnasium's vector environments have them.
+"""Many episodes of one scene side by side, in the form of Gymnasium's vector environments.
 
-Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each environment:
-what belongs to one environment has an axis for them.
+Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each environment, so
+each array of an environment has an axis for modules.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
     ) -> tuple[Arrays, dict[str, Any]]:
         """Begin new episodes; ``options={"reset_mask": mask}`` chooses the environments.
 
-        A seed s gives environment i the seed s + i; a list has one for each. None goes on with the
-        streams of earlier seeds, of seed 0 at first.
+        A seed s gives environment i the seed s + i; a list has one for each. None continues with
+        the streams of earlier seeds, of seed 0 at first.
         """
         count = self.num_envs
         mask = (options or {}).get("reset_mask", np.ones(count, np.bool_))

@@ -1,6 +1,6 @@
-"""The world on the wire: the same steps as `World`, played by processes that talk over zenoh.
+"""The world on the wire: the same steps as `World`, played by processes that exchange messages.
 
-The modules send observations and masks and receive actions; their reports tell what they did.
+The modules send observations and masks and receive actions; their reports contain what they did.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cubepath.agents.processes.config import OUTSIDE
 from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import (
     ChosenAction,
@@ -121,7 +121,7 @@ class WireWorld:
             made = self._made(report)
             if made is not None:
                 moves[module] = made
-            self.sites[module] = site_from_json(report.site)
+            self.sites[module] = report.site
         lost = tuple(m for m, report in sorted(self._reports.items()) if report.claim == "lost")
         self._sense()
         return Round(self.round, moves, lost)
@@ -129,12 +129,12 @@ class WireWorld:
     def _made(self, report: Report) -> Move | None:
         if report.move is None:
             return None
-        before, at = site_from_json(report.before), site_from_json(report.move.at)
+        before, at = report.before, report.move.at
         move = self.scene.system.move_named(before, report.move.generator, at)
-        if move is None or move.target != site_from_json(report.site):
+        if move is None or move.target != report.site:
             raise ProtocolError(
                 f"module_{report.module} reports {report.move.generator} at {at!r}, which is no"
-                f" move from {before!r} to {site_from_json(report.site)!r}"
+                f" move from {before!r} to {report.site!r}"
             )
         return move
 

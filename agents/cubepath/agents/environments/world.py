@@ -1,8 +1,8 @@
 """The lockstep world in one process: where modules are, what each observes, one round.
 
 It holds the state that is distributed over the modules on the wire; each module sees only what
-`observe` looks up for it. The same functions as in `ModuleCore` decide what a module claims, which
-claims go before it, whether it is granted, where it then stands and what it says.
+`observe` looks up for it. The functions that `ModuleCore` uses decide what a module claims, which
+claims outrank it, whether it is granted, and where the module then stands.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class World:
             self._occupants[place_of(site)] = site
 
     def spoken(self) -> list[Note]:
-        """Return the last note of each module, by number; zeros where a rule has said none."""
+        """Return the last note of each module, by number; zeros where a rule has sent none."""
         return [last.numbers for last in self._said]
 
     def _speak(self, notes: Mapping[int, Note]) -> None:

@@ -1,6 +1,6 @@
 """The configuration of a module process in a run without rounds.
 
-The fleet and the simulator give the same.
+The fleet and the simulator create it in the same way.
 """
 
 from __future__ import annotations
@@ -9,20 +9,21 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
 ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 HALT_S = 5.0
-"""How long modules halt that were told to, unless they are told again."""
+"""How long modules halt after an order to, unless it is repeated."""
 
 
 class OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A module's own move of a schedule, and how often its units were written and read before."""
 
     placed: GeneratorPlacement
-    after: list[tuple[Json, int, int | None]]
+    after: list[tuple[Site, int, int | None]]
 
 
 class FreeProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -1,7 +1,7 @@
-"""The processes of a run without rounds: a router, keepers and modules; nobody paces them.
+"""The processes of a run without rounds: a router, keepers and modules. Nothing paces them.
 
-A fleet starts them, looks after them, and ends them. What happens when one of them dies is for
-`on_crash` to say; keepers come back from their logs, and modules take their places again.
+A fleet starts them, watches them, and ends them. When one of them dies, `on_crash` decides what
+happens: keepers restart from their logs, and modules are placed again where they were.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from cubepath.protocol.wire.router import Router
 
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
 _END_S_MAX = 2.0
-"""So long processes may take to end that were told to; killed they lose nothing either."""
+"""How long processes may take to end after they were told to; killed they lose nothing either."""
 INCARNATIONS = "incarnations"
 """The file in a folder of logs with the run that began them and its last incarnations."""
 _RESTARTS_MAX = 100
-"""So often processes are started again in all; what dies at once would do so for ever."""
+"""How often processes are restarted in all; what dies at once would do so for ever."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ class FreeFleet(ProcessFleet):
             self._host(hosts[name])
 
     def leave(self, process: int) -> None:
-        """End a module process for good, without a crash: its modules stay where they are."""
+        """End a module process permanently, without a crash: its modules stay where they are."""
         self._children.kill(process_name(process))
 
     @property

@@ -1,7 +1,7 @@
-"""The node of a module process in a run without rounds: some modules, and what they sense.
+"""The node of a module process in a run without rounds: its modules, and what they sense.
 
-It is told of messages and ticks and gives effects. It knows no time but that of its ticks, each of
-which comes a while after it was asked for; that is enough to ask again.
+It receives messages and ticks and returns effects. Its only notion of time is its ticks, each of
+which arrives some time after the node asked for it; that is enough to know when to ask again.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class FreeHostNode(Node):
         self._halts_s = float("inf")
         """Until when modules halt, if they do."""
         self._order: int | None = None
-        """The order to halt that it is to answer when its modules rest."""
+        """The order to halt that it must answer when its modules rest."""
         self._asks: list[Ask] = []
         self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
@@ -93,7 +93,7 @@ class FreeHostNode(Node):
         return [listen, *self._go_on()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; what is none has no effect but that it is counted."""
+        """Take a message; anything else has no effect except that it is counted."""
         message = read_free(self._config.run, key, data)
         match message:
             case TileUpdate():
@@ -114,7 +114,7 @@ class FreeHostNode(Node):
         return self._go_on()
 
     def _halt(self, order: int | None) -> None:
-        """Halt all modules, or let them go on."""
+        """Halt all modules, or let them continue."""
         halted = order is not None
         for module, mover in self.movers.items():
             mover.halted = halted
@@ -187,7 +187,7 @@ class FreeHostNode(Node):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(TileQuery(tile, serial))
         process, outgoing = self._config.process, self._outgoing
-        # What a rule chose is on record before what follows from it.
+        # What a rule chose is recorded before what follows from it.
         if turns:
             effects.append(outgoing.append(Turns(process, turns)))
         effects += (

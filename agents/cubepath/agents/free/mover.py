@@ -1,8 +1,8 @@
-"""One module of a run without rounds, as a pure machine: what it senses in, what it asks out.
+"""One module of a run without rounds, as a pure machine: what it senses in, requests out.
 
-It enters, senses, lets its rule choose, and attempts what that chose; it goes on when it knows what
-came of that. It acts only through the PettingZoo observation, mask and action. It is called
-whenever something that it senses may have changed, or when it is due.
+The module joins, senses, lets its rule choose, and attempts the chosen move; it continues when it
+knows the result. It acts only through the PettingZoo observation, mask and action. The node calls
+it when something that it senses may have changed, or when a timer is due.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
 from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.errors import RuleError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
@@ -46,11 +46,11 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 MISSES = 3
-"""After so many attempts in a row that came too late it asks for what it senses to be held."""
+"""After this many attempts in a row that came too late it asks for what it senses to be held."""
 HOLD_TRIES = 2 * MISSES
-"""After it has asked a keeper to hold so often it goes on without."""
+"""After it has asked a keeper to hold so often it continues without."""
 HOLD_TICKS = 20
-"""So many ticks of the keepers it asks for at least, besides the time that it thinks."""
+"""This many ticks of the keepers it asks for at least, besides the time that it thinks."""
 
 State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
 Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
@@ -59,7 +59,7 @@ Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long a module thinks: so many times `THINK_S`, and longer by a share up to `jitter`."""
+    """How long a module thinks: this many times `THINK_S`, and longer by a share up to `jitter`."""
 
     factor: float = 0.0
     jitter: float = 0.0
@@ -125,7 +125,7 @@ class Mover:
 
     @property
     def rests(self) -> bool:
-        """Return whether it was told to halt, and nothing can come of it any more."""
+        """Return whether it was told to halt, and no attempt of it is pending any more."""
         return self.halted and self._attempt is None and self.state in ("resting", "superseded")
 
     @property
@@ -161,19 +161,19 @@ class Mover:
         if answer.incarnation != self._incarnation or occupant.epoch < self._epoch:
             return
         if occupant.epoch == self._epoch:  # said again, maybe later than what was heard since
-            self.taken_to(site_from_json(answer.site), occupant.version)
+            self.taken_to(answer.site, occupant.version)
             return
         fresh = self._epoch == 0
         self._epoch, self._number = occupant.epoch, occupant.number
         # Where it was shown before this answer came may be later than the answer.
-        self.taken_to(site_from_json(answer.site), occupant.version)
+        self.taken_to(answer.site, occupant.version)
         self._attempt = None
         self._holds, self._hold_number = [], 0
         self._rests(now_s, 0.0)
         if fresh:
             self._turn = 0
             if self._own is None:
-                self._actor = self._born(site_from_json(answer.site))
+                self._actor = self._born(answer.site)
 
     def _born(self, site: Site) -> Actor:
         scene = self._scene
@@ -189,7 +189,7 @@ class Mover:
         return Actor(self._rule, knowledge, hesitate=self._hesitate, doubt=doubt, clock="free")
 
     def taken_to(self, site: Site, version: int) -> bool:
-        """Take note of where keepers show it; return whether that is news."""
+        """Note where keepers show it; return whether that is news."""
         if version <= self._version:
             return False
         self._version = version
@@ -198,7 +198,7 @@ class Mover:
         return moved
 
     def decided(self, decision: Decision, now_s: float) -> list[Ask]:
-        """Take note of what came of its attempt; return what it asks next."""
+        """Note the result of its attempt; return what it asks next."""
         attempt = self._attempt
         if attempt is None or self.state != "pending":
             return []
@@ -232,7 +232,7 @@ class Mover:
         self.level = max(self.level, moved.level)
         for module, _, target, version in moved.motion:
             if module == self.module:
-                self.taken_to(site_from_json(target), version)
+                self.taken_to(target, version)
         for _, module, version, content in moved.notes:
             if module == self.module and content is not None:
                 self.taken_to(self.site, version)
@@ -296,18 +296,16 @@ class Mover:
     def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
         """Return whether, as far as it can tell, what it sensed when it began to think holds."""
         place_of = self._system.place_of
-        if site_from_json(attempt.site) != self.site:
+        if attempt.site != self.site:
             return False
-        for unit, shown in attempt.sensed:
-            at = site_from_json(unit)
+        for at, shown in attempt.sensed:
             place = at if self._system.labels is not None else place_of(at)
             on = sensing.place(place).site
             found = on if self._system.labels is not None or on == at else None
-            if to_json(found) != shown:
+            if found != shown:
                 return False
         return all(
-            list(sensing.place(site_from_json(place)).note) == list(note)
-            for place, note, _ in attempt.notes
+            list(sensing.place(place).note) == list(note) for place, note, _ in attempt.notes
         )
 
     def _send(self, attempt: Attempt, now_s: float) -> list[Ask]:
@@ -344,7 +342,7 @@ class Mover:
         self._wait_for_answer(now_s)
         thinks_s = 2 * self._pace.factor * THINK_S * (1.0 + self._pace.jitter)
         ticks = min(HOLD_TICKS + int(thinks_s / TICK_S), HOLD_TICKS_MAX)
-        asked = [to_json(each) for each in places]
+        asked = list(places)
         return [(keeper, Hold(self.module, self._epoch, self._hold_number, asked, ticks))]
 
     def _wait_to_hold(self, now_s: float) -> list[Ask]:
@@ -364,7 +362,7 @@ class Mover:
         return self._ask_to_hold(now_s)
 
     def held(self, answer: Held, keeper: int, now_s: float) -> list[Ask]:
-        """Take note of what is held for it; return what it asks next."""
+        """Note what is held for it; return what it asks next."""
         if self.state != "holding" or keeper != self._holds[self._held][0]:
             return []
         if (answer.epoch, answer.number) != (self._epoch, self._hold_number):
@@ -491,15 +489,15 @@ class Mover:
                 module=self.module,
                 epoch=self._epoch,
                 turn=self._turn,
-                site=to_json(self.site),
+                site=self.site,
                 version=self._version,
                 sensed=sensed,
                 action=choice.action,
                 received=heard,
                 note=None if choice.note is None else list(choice.note),
-                guards=[to_json(site) for site in choice.guards],
-                heeds=[to_json(site) for site in choice.heeds],
-                exchanges=[(to_json(at), list(note)) for at, note in choice.exchanges.items()],
+                guards=list(choice.guards),
+                heeds=list(choice.heeds),
+                exchanges=[(at, list(note)) for at, note in choice.exchanges.items()],
                 number=None if attempt is None else attempt.number,
                 failed=choice.failed,
             )
@@ -510,9 +508,7 @@ class Mover:
         if self._own is None or self._done >= len(self._own):
             return None
         due = self._own[self._done]
-        move = self._system.move_named(
-            self.site, due.placed.generator, site_from_json(due.placed.at)
-        )
+        move = self._system.move_named(self.site, due.placed.generator, due.placed.at)
         if move is None or not self._ready(due, sensing):
             return None
         place = self._system.place_of(self.site)
@@ -547,8 +543,7 @@ class Mover:
         )
 
     def _ready(self, due: OwnMove, sensing: Sensing) -> bool:
-        for unit, version, reads in due.after:
-            at = site_from_json(unit)
+        for at, version, reads in due.after:
             place = at if self._system.labels is not None else self._system.place_of(at)
             known = {site: (v, r) for site, v, r in sensing.place(place).reads}
             found, times = known.get(at, (0, 0))
@@ -562,6 +557,6 @@ def _on(shown: dict[Site, Site], filled: Iterable[Site]) -> set[Site]:
 
 
 def paces(speeds: dict[int, float], jitter: float, module: int) -> Pace:
-    """Return the pace of a module; without a speed of its own it does not think at all."""
+    """Return the pace of a module; without its own speed it does not think at all."""
     factor = speeds.get(module, 0.0)
     return Pace(factor, jitter if factor else 0.0)

@@ -1,7 +1,7 @@
 """A module process of a run without rounds, on one zenoh session.
 
-Started as ``python -m cubepath.agents.free.process`` with its `FreeProcessConfig`; it ends when the
-run does, or with its parent.
+It is started as ``python -m cubepath.agents.free.process`` with its `FreeProcessConfig`, and ends
+with the run or with its parent.
 """
 
 from __future__ import annotations

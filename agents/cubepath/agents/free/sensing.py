@@ -1,7 +1,7 @@
 """What keepers have shown to the modules of a process.
 
-A process hears of whole tiles; a module is given only the places that it senses, and the registers
-within its reach. What is shown of a tile is numbered, so a gap is noticed at once.
+A process receives whole tiles; a module sees only the places that it senses, and the registers
+within its reach. Updates of a tile are numbered, so a gap is noticed immediately.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import PlaceState, TileUpdate
 from cubepath.protocol.wire.keys import Tiles
@@ -104,7 +104,7 @@ class Sensing:
     def take(self, shows: TileUpdate, now_s: float) -> tuple[list[Site], bool]:
         """Take what is shown; return the places of which something new is known.
 
-        And whether all of the tile is known now, so that places are empty of which nothing is said.
+        And whether all of the tile is known now, so that places that were not shown are empty.
         """
         tile = self._known.get(shows.tile)
         if tile is None:
@@ -128,7 +128,7 @@ class Sensing:
         """Take what is shown of places; return those of which something new is known."""
         changed: list[Site] = []
         for shown in parts:
-            place = site_from_json(shown.place)
+            place = shown.place
             tile = self._known.get(self._tiles.tile_of(place))
             if tile is not None and self._newer(tile, place, shown):
                 tile.places[place] = _known(shown)
@@ -149,9 +149,9 @@ class Sensing:
 def _known(shown: PlaceState) -> Place:
     return Place(
         shown.version,
-        None if shown.site is None else site_from_json(shown.site),
+        shown.site,
         shown.module,
         tuple(shown.note),
         shown.module_version,
-        tuple((site_from_json(unit), version, reads) for unit, version, reads in shown.reads),
+        tuple((unit, version, reads) for unit, version, reads in shown.reads),
     )

@@ -1,5 +1,5 @@
-"""Keepers: the sites themselves, as processes that hold, show and change them, and decide nothing.
+"""Keepers: processes that hold, show and change the sites, and decide nothing.
 
-Runs without rounds have them, since silence means nothing there and an empty site has nobody to
-speak for it. It imports the protocol alone: nothing about rules, views and modules.
+Runs without rounds need them: silence carries no information there, and an empty site has no module
+to answer for it. Keepers import only the protocol; they know nothing of rules, views or modules.
 """

@@ -1,6 +1,6 @@
-"""What an attempt takes of each keeper: derived from the catalogue, and checked against it.
+"""What an attempt needs from each keeper: derived from the catalogue, and checked against it.
 
-Everyone who handles an attempt derives the same from it, so nothing of this travels.
+Every process that handles an attempt derives the same, so messages do not carry it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Attempt
 from cubepath.protocol.wire.keys import Tiles
@@ -68,7 +68,7 @@ class AttemptPlan:
 
 
 def held(system: System, places: Iterable[Site]) -> Share:
-    """Return the share of whoever holds places: all their units, and their registers."""
+    """Return the share of a keeper that holds places: all their units, and their registers."""
     units: list[Site] = []
     for place in in_order(set(places)):
         system.check_place(place)
@@ -95,8 +95,8 @@ def support_units(system: System, tiles: Tiles, move: Move) -> tuple[frozenset[S
 def planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     """Return what an attempt takes; NotAnAttempt if no module could make it.
 
-    What is told to have been sensed must lie within the module's sensing range, and make the move
-    admissible; whether it holds is for the keepers to say.
+    What the attempt claims to have sensed must lie within the module's sensing range, and make the
+    move admissible; whether it holds is for the keepers to say.
     """
     try:
         return _planned(system, tiles, attempt)
@@ -113,8 +113,8 @@ def chain_of(system: System, tiles: Tiles, attempt: Attempt) -> tuple[int, ...]:
     """
     place_of = _unit_place(system)
     try:
-        places = [place_of(site_from_json(unit)) for unit, _ in attempt.sensed]
-        places += (site_from_json(place) for place, _, _ in attempt.notes)
+        places = [place_of(unit) for unit, _ in attempt.sensed]
+        places += (place for place, _, _ in attempt.notes)
         return tuple(sorted({tiles.keeper_of(place) for place in places}))
     except NO_PLACE as error:
         raise _not_an_attempt(attempt, error) from None
@@ -126,13 +126,10 @@ def _not_an_attempt(attempt: Attempt, error: Exception) -> NotAnAttempt:
 
 
 def _planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
-    site = site_from_json(attempt.site)
+    site = attempt.site
     own = system.place_of(site)
     system.check_place(own)
-    sensed = {
-        site_from_json(unit): None if shown is None else site_from_json(shown)
-        for unit, shown in attempt.sensed
-    }
+    sensed = dict(attempt.sensed)
     move = _move(system, site, attempt)
     reads: frozenset[Site] = frozenset()
     writes: frozenset[Site] = frozenset()
@@ -156,7 +153,7 @@ def _planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     notes = _notes(system, attempt, own)
     if move is None and own not in notes:
         raise NotAnAttempt("neither a move, nor anything about the module's own register")
-    after = {site_from_json(unit): (version, reads) for unit, version, reads in attempt.after}
+    after = {unit: (version, reads) for unit, version, reads in attempt.after}
     if not after.keys() <= reads | writes:
         raise NotAnAttempt("what must be done before is not in the support")
     shares: dict[int, list[Site]] = {}
@@ -184,7 +181,7 @@ def _planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
 def _move(system: System, site: Site, attempt: Attempt) -> Move | None:
     if attempt.generator is None:
         return None
-    move = system.move_named(site, attempt.generator, site_from_json(attempt.at))
+    move = system.move_named(site, attempt.generator, attempt.at)
     if move is None:
         raise NotAnAttempt(f"{attempt.generator!r} is no move from there")
     return move
@@ -195,8 +192,7 @@ def _notes(
 ) -> dict[Site, tuple[tuple[int, ...], tuple[int, ...] | None]]:
     near = {own, *system.reach(own)}
     found = {}
-    for place, shown, new in attempt.notes:
-        at = site_from_json(place)
+    for at, shown, new in attempt.notes:
         if at not in near:
             raise NotAnAttempt(f"the register at {at!r} is out of reach")
         found[at] = tuple(shown), None if new is None else tuple(new)

@@ -1,4 +1,4 @@
-"""The configuration of a keeper, which the fleet and the simulator give alike."""
+"""The configuration of a keeper. The fleet and the simulator create it in the same way."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class KeeperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     keeper: int
     keepers: int
     modules_of: list[list[int]]
-    """The modules of every process: who speaks for whom."""
+    """The modules of every process: which process speaks for which module."""
     scene: str
     log: str
     """The path of the keeper's log."""

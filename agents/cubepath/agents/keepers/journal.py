@@ -1,9 +1,9 @@
-"""The log of a keeper: what it has logged before it answered, and what it comes back from.
+"""The log of a keeper: written before the keeper answers, and read when it restarts.
 
 A record is one line: a checksum, the number of the record, from 1, and its JSON. The checksum is a
-CRC-32 that begins with the checksum of the record before, so each depends on all records before it.
-The first record says whose log it is, and so does each time that it is opened again. A last line
-that was cut off by a crash is no record, and nobody was answered for it.
+CRC-32 seeded with the checksum of the previous record, so each depends on all earlier records. The
+first record names the keeper, and so does the record written each time the log is reopened. A last
+line that a crash cut off does not count: the keeper had not answered for it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import appended_file
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.free_messages import Commit, Decision, EnterRequest, Forwarded
 
 
@@ -67,7 +68,9 @@ class Opened(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="opene
 
 
 Record: TypeAlias = Prepared | Decided | Committed | JoinedRecord | Acknowledged
-_decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(Record | Opened)
+_decoder: msgspec.json.Decoder[Record | Opened] = msgspec.json.Decoder(
+    Record | Opened, dec_hook=site_hook
+)
 _encode = msgspec.json.Encoder().encode
 _PER_COMMIT = 3
 _DIGITS_MAX = 18

@@ -1,12 +1,12 @@
 """A keeper as a pure machine: parts of messages and ticks in, parts of messages out.
 
-Attempts pass through the keepers concerned in increasing order, each of which checks what was
-sensed, locks, logs and passes on; the last one commits, and that is the move. An attempt that is in
-the way of another waits for it, first come, first served: whoever waits at a keeper holds locks at
-lower ones only, so nobody waits in a circle. docs/free-clock.md has the argument.
+An attempt passes through the keepers concerned in increasing order. Each checks what was sensed,
+locks, logs and forwards; the last one commits, and that is the move. An attempt that conflicts with
+another waits for it, first come, first served. An attempt that waits at a keeper holds locks only
+at lower keepers, so there is no cycle of waiting. docs/free-clock.md has the argument.
 
-A keeper says the same again whenever it is asked again, and decides nothing: it only compares what
-was sensed with what holds.
+A keeper repeats an answer when it is asked again. It decides nothing: it only compares what was
+sensed with the present state.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from cubepath.agents.keepers.journal import (
 )
 from cubepath.agents.keepers.units import Units, sites_in, start_of
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -66,9 +66,9 @@ LEASE_TICKS, LEASE_TICKS_MAX = 6, 200
 longer from the start for a module whose last attempt was aborted so: links may be slow."""
 ABORTED = "aborted: it did not come through in time"
 REMIND_TICKS = 40
-"""After so many ticks a keeper tells a commit again to those who have not acknowledged it."""
+"""After this many ticks a keeper tells a commit again to those who have not acknowledged it."""
 SETTLE_TICKS = 10
-"""After so many ticks at most a keeper acknowledges commits."""
+"""After this many ticks at most a keeper acknowledges commits."""
 FETCH_MAX = 200
 """Commits in one answer to `Fetch`."""
 WAITING_MAX = 4096
@@ -131,7 +131,7 @@ class _Last:
 
 @dataclass(slots=True)
 class _Out:
-    """What is to be said, by receiver."""
+    """Outgoing parts, by receiver."""
 
     passes: dict[int, list[Forwarded | Decision | Inquiry | Settled]] = field(default_factory=dict)
     tells: dict[int, list[Decision | Entered | Held]] = field(default_factory=dict)
@@ -218,7 +218,7 @@ class Keeper:
         )
 
     def tick(self) -> None:
-        """Take note that some time has gone by: ask what is due."""
+        """Note that some time has gone by: ask what is due."""
         for pending in self._prepared.values():
             pending.age += 1
             if pending.age >= pending.due:
@@ -247,7 +247,7 @@ class Keeper:
         return bool(self._prepared or self._unsettled or self._owed or self._holds)
 
     def said(self) -> list[FreeMessage]:
-        """Return what is to be said since this was last asked."""
+        """Return the outgoing parts since the last call."""
         out, self._out = self._out, _Out()
         for keeper in list(out.passes):
             if keeper in self._owed:
@@ -295,7 +295,7 @@ class Keeper:
             self._go_on()  # some may have waited for that alone
 
     def _again(self, passed: Forwarded, last: _Last, sender: int | None) -> None:
-        """Say again what came of an attempt that was seen before, or pass it on again."""
+        """Repeat the result of an attempt that was seen before, or forward it again."""
         attempt = passed.attempt
         if attempt.epoch < last.epoch:
             if sender is None:
@@ -354,7 +354,7 @@ class Keeper:
             written=[
                 *passed.written,
                 *(
-                    (to_json(unit), known.version, known.reads)
+                    (unit, known.version, known.reads)
                     for unit in share.writes
                     for known in (self.units.unit(unit),)
                 ),
@@ -371,8 +371,8 @@ class Keeper:
         self._prepare(pending)
         self._pass_on(pending)
 
-    def _versions(self, units: Iterable[Site]) -> list[tuple[object, int]]:
-        return [(to_json(unit), self.units.unit(unit).version) for unit in units]
+    def _versions(self, units: Iterable[Site]) -> list[tuple[Site, int]]:
+        return [(unit, self.units.unit(unit).version) for unit in units]
 
     def _fenced_off(self, plan: AttemptPlan) -> str | None:
         """Return why the module may not act, if its place is here and its fence says so."""
@@ -394,12 +394,12 @@ class Keeper:
                 found[number] = self.units.occupant(place)
         return found
 
-    def _noted(self, plan: AttemptPlan) -> list[tuple[object, Occupant]]:
+    def _noted(self, plan: AttemptPlan) -> list[tuple[Site, Occupant]]:
         found = []
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
             if occupant is not None:
-                found.append((to_json(self.units.site_of(occupant.module)), occupant))
+                found.append((self.units.site_of(occupant.module), occupant))
         return found
 
     def _prepare(self, pending: _Pending) -> None:
@@ -417,7 +417,7 @@ class Keeper:
         self._pass(chain[chain.index(self.me) + 1], pending.passed)
 
     def _refuse(self, pending: _Pending, why: str) -> None:
-        """Refuse an attempt for good: it is remembered, so that no late double is granted."""
+        """Refuse an attempt permanently: it is remembered, so that no late double is granted."""
         passed, chain = pending.passed, pending.plan.chain
         decision = _refusal(passed.attempt, why)
         self._journal.append(Decided(decision))
@@ -435,7 +435,7 @@ class Keeper:
             attempt.epoch,
             attempt.number,
             commit=moved,
-            occupants=[(to_json(site), occupant) for site, occupant in occupants],
+            occupants=[(site, occupant) for site, occupant in occupants],
         )
         self._journal.append(Committed(passed, decision))
         self._carry_out_commit(passed, decision, plan)
@@ -473,15 +473,15 @@ class Keeper:
         for site, occupant in sites_in(passed.noted):
             notes[occupant.module] = written[self._system.place_of(site)]
             modules[occupant.module] = site, occupant
-        motion: list[tuple[int, object, object, int]] = []
+        motion: list[tuple[int, Site, Site, int]] = []
         for (source, target), taken in zip(plan.motion, passed.occupants, strict=True):
             if taken is None:
                 raise AssertionError(f"no module is carried from {source!r}")
-            motion.append((taken.module, to_json(source), to_json(target), taken.version + 1))
+            motion.append((taken.module, source, target, taken.version + 1))
             modules[taken.module] = target, taken
         moved_along = {module for module, *_ in motion}
         changed: list[tuple[Site, Occupant]] = []
-        listed: list[tuple[object, int, int, Register | None]] = []
+        listed: list[tuple[Site, int, int, Register | None]] = []
         for module, (at, occupant) in modules.items():
             note = notes.get(module)
             counts = module in moved_along or note is not None
@@ -492,7 +492,7 @@ class Keeper:
                 version=occupant.version + counts,
             )
             if module in notes:
-                listed.append((to_json(self._system.place_of(at)), module, new.version, note))
+                listed.append((self._system.place_of(at), module, new.version, note))
             if counts:
                 changed.append((at, new))
         return (
@@ -572,7 +572,7 @@ class Keeper:
         self._pass(pending.plan.chain[-1], Inquiry(*name_of(pending.passed.attempt)))
 
     def _answer(self, keeper: int, inquiry: Inquiry) -> None:
-        """Say what came of an attempt that another keeper has prepared; if nothing yet, forbid it.
+        """Send the result of an attempt that another keeper prepared; if none yet, forbid it.
 
         From then on it is refused here, and so everywhere: an expired lease.
         """
@@ -585,7 +585,8 @@ class Keeper:
         if isinstance(waiting, _Pending) and name_of(waiting.passed.attempt) == name:
             if not self._waits_for_a_hold(waiting):
                 return
-            # Whoever holds may come to wait for what this one has locked at lower keepers.
+            # An attempt that holds places may come to wait for what this one has locked at lower
+            # keepers.
             del self._waiting[inquiry.module]
             self._go_on()
         last = self._last.get(inquiry.module)
@@ -638,7 +639,7 @@ class Keeper:
                 self._say_held(known)
             return
         try:
-            places = [site_from_json(place) for place in asked.places]
+            places = list(asked.places)
             share = held(self._system, places)
         except NO_PLACE:
             self.refused += 1
@@ -675,7 +676,7 @@ class Keeper:
 
     def _say_held(self, hold: _Hold) -> None:
         asked = hold.asked
-        parts = [self.units.shown(site_from_json(place)) for place in asked.places]
+        parts = [self.units.shown(place) for place in asked.places]
         self._tell(hold.process, Held(asked.module, asked.epoch, asked.number, parts))
 
     def _give_up(self, module: int) -> None:
@@ -714,7 +715,7 @@ class Keeper:
         site = self.units.site_of(enter.module)
         known = self.units.occupant(place)
         if known is not None:
-            self._tell(process, Entered(enter.incarnation, to_json(site), known))
+            self._tell(process, Entered(enter.incarnation, site, known))
 
     def _be_born(self, enter: EnterRequest) -> None:
         occupant = self.units.occupant(self.units.place_of[enter.module])

@@ -48,11 +48,11 @@ class KeeperNode(Node):
         self._ticking = False
 
     def start(self) -> list[Effect]:
-        """Listen, and show what came of anything that was under way before."""
+        """Listen, and show the result of anything that was under way before."""
         return [Listen(heard_by_keeper(self._run, self.keeper.me)), *self._said()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; what is none has no effect but that it is counted."""
+        """Take a message; anything else has no effect except that it is counted."""
         message = read_free(self._run, key, data)
         if isinstance(message, Go) and message.phase == "stop":
             return [Timer(None), End()]

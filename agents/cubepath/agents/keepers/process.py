@@ -1,7 +1,7 @@
-"""A keeper in a process of its own, on one zenoh session, with its log in a file.
+"""A keeper in a separate process, on one zenoh session, with its log in a file.
 
-Started as ``python -m cubepath.agents.keepers.process`` with its `KeeperConfig`; it ends when it is
-told to, or with its parent.
+It is started as ``python -m cubepath.agents.keepers.process`` with its `KeeperConfig`, and ends
+when it is told to or with its parent.
 """
 
 from __future__ import annotations

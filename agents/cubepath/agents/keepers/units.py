@@ -1,8 +1,8 @@
-"""The physics of a run without rounds: units with their versions and levels, and who is where.
+"""The physics of a run without rounds: units with their versions and levels, and occupants.
 
-This is what a keeper holds; it decides nothing. A commit reads some units and writes others: its
-level is one more than the greatest level of the commits that it depends on, which are the writers
-of what it reads or overwrites, and the readers of what it overwrites.
+A keeper holds this; it decides nothing. A commit reads some units and writes others. Its level is
+one more than the greatest level of the commits on which it depends: the writers of what it reads or
+overwrites, and the readers of what it overwrites.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cubepath.agents.keepers.attempts import Share
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Commit, Occupant, PlaceState
 from cubepath.protocol.wire.keys import Tiles
@@ -167,33 +167,27 @@ class Units:
         held = self._occupants.get(place)
         reads = self._reads(place) if self._tell_reads else []
         if held is None:
-            return PlaceState(to_json(place), version, reads=reads)
+            return PlaceState(place, version, reads=reads)
         site, occupant = held
         return PlaceState(
-            to_json(place),
-            version,
-            to_json(site),
-            occupant.module,
-            occupant.note,
-            occupant.version,
-            reads,
+            place, version, site, occupant.module, occupant.note, occupant.version, reads
         )
 
-    def _reads(self, place: Site) -> list[tuple[object, int, int]]:
+    def _reads(self, place: Site) -> list[tuple[Site, int, int]]:
         if self._system.letters:
             units = [unit for unit in self.units if self._unit_place(unit) == place]
         else:
             units = [place] if place in self.units else []
-        return [(to_json(unit), self.units[unit].version, self.units[unit].reads) for unit in units]
+        return [(unit, self.units[unit].version, self.units[unit].reads) for unit in units]
 
     def tile(self, tile: str) -> list[PlaceState]:
         """Return what is shown of a tile: where something is or ever was."""
         return [self.shown(place) for place in in_order(self._by_tile.get(tile, {}))]
 
-    def touched(self) -> list[tuple[object, int, int, int, object]]:
+    def touched(self) -> list[tuple[Site, int, int, int, Site | None]]:
         """Return each unit that was ever read or written: version, level, reads, what is on."""
         return [
-            (to_json(unit), known.version, known.level, known.reads, to_json(self.shows(unit)))
+            (unit, known.version, known.level, known.reads, self.shows(unit))
             for unit in in_order(self.units)
             for known in (self.units[unit],)
         ]
@@ -208,6 +202,6 @@ def start_of(system: System, tiles: Tiles, keeper: int, start: Iterable[Site]) -
     }
 
 
-def sites_in(occupants: Iterable[tuple[object, Occupant]]) -> list[tuple[Site, Occupant]]:
+def sites_in(occupants: Iterable[tuple[Site, Occupant]]) -> list[tuple[Site, Occupant]]:
     """Return modules with their sites as they travel."""
-    return [(site_from_json(site), occupant) for site, occupant in occupants]
+    return [(site, occupant) for site, occupant in occupants]

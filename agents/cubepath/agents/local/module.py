@@ -1,11 +1,11 @@
-"""When a module tells others its rule's notes.
+"""The module as a pure machine: messages in, messages out, one round at a time.
 
-Pure, like `arbitration`: `ModuleCore` and `World` both use it.
-
-It holds only what the module was told in this round; it opens no session, reads no clock, and gives
+It holds only what the module received in this round; it opens no session, reads no clock, and gives
 the same answers in whatever order messages arrive. Its decisions come from the functions of
-`observation`, `arbitration` and `notes`. In each round it is called in this order: `sense`,
-`observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+`observation` and `arbitration`. In each round, call it in this order: `sense`, `observation`,
+`claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+
+`LastNote` says when a module sends its rule's note. `World` uses it too.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cubepath.agents.local.observation import (
 )
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
@@ -56,7 +56,7 @@ class LastNote:
 
     numbers: NoteNumbers
     first_choice: int
-    """The round in which the rule chooses for the first time; until then it has said nothing."""
+    """The round in which the rule chooses for the first time; until then it has sent nothing."""
 
     def said_in(self, round_number: int) -> NoteNumbers | None:
         """Return what the module says at the beginning of a round; None if it says nothing."""
@@ -120,7 +120,7 @@ class ModuleCore:
     def follow(self, note_length: int, *, heard: bool = False) -> None:
         """Follow another rule, with notes of this length, from the next round on.
 
-        What the rule before noted last, of the same length, is still said if it is to be `heard`.
+        What the rule before noted last, of the same length, is still sent if it should be `heard`.
         """
         self._note_length = note_length
         if not heard:
@@ -146,7 +146,7 @@ class ModuleCore:
         return self._system.place_of(self.site)
 
     def sense(self, round_number: int) -> list[Part]:
-        """Begin a round: return the messages on where the module is and what its rule said last."""
+        """Begin a round: return the messages on where the module is and its rule's last note."""
         self.round = round_number
         self._phase = "sense"
         self._clear()
@@ -156,12 +156,8 @@ class ModuleCore:
             found.append(Note(round_number, self.module, self.site, list(note)))
         return found
 
-    def hear(self, message: Message, sender: Site | None = None) -> list[Part]:
-        """Process a message; return the verdict on the module's claim if the message decides it.
-
-        `sender` is the site in the message, if it was read from it already: many modules may hear
-        one message.
-        """
+    def hear(self, message: Message) -> list[Part]:
+        """Process a message; return the verdict on the module's claim if the message decides it."""
         if not isinstance(message, Presence | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
         kind = kind_of(message)
@@ -171,29 +167,26 @@ class ModuleCore:
                 f"module_{self.module}: {kind} of module_{message.module} for round"
                 f" {message.round} came {when}, in phase {self._phase} of round {self.round}"
             )
-        if sender is None:
-            sender = site_from_json(message.site)
         self._heard.setdefault(kind, []).append(message.module)
         match message:
             case Presence():
-                self._occupants[self._system.place_of(sender)] = sender
+                self._occupants[self._system.place_of(message.site)] = message.site
             case Note():
-                self._notes[self._system.place_of(sender)] = tuple(message.note)
+                self._notes[self._system.place_of(message.site)] = tuple(message.note)
             case Claim():
-                self._claims[message.module] = self._move(sender, message)
+                self._claims[message.module] = self._move(message)
             case Verdict():
                 self._verdicts[message.module] = message.granted
                 if self._phase == "settle":
                     return self._decide()
         return []
 
-    def _move(self, sender: Site, claim: Claim) -> Move:
-        at = site_from_json(claim.at)
-        move = self._system.move_named(sender, claim.generator, at)
+    def _move(self, claim: Claim) -> Move:
+        move = self._system.move_named(claim.site, claim.generator, claim.at)
         if move is None:
             raise ProtocolError(
-                f"module_{self.module}: module_{claim.module} at {sender!r} claims"
-                f" {claim.generator} at {at!r}, which is no move from there"
+                f"module_{self.module}: module_{claim.module} at {claim.site!r} claims"
+                f" {claim.generator} at {claim.at!r}, which is no move from there"
             )
         return move
 

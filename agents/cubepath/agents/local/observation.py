@@ -1,7 +1,7 @@
 """What one module sees: the PettingZoo observation, and a view read back from it.
 
-`observe` looks only at the sensed places of one module, and a `View` is made only from that
-observation, so a rule cannot see beyond its neighbourhood.
+`observe` looks only at the sensed places of one module. A `View` is made from that observation
+alone, so a rule cannot see beyond its neighbourhood.
 """
 
 from __future__ import annotations

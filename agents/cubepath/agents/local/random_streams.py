@@ -1,8 +1,8 @@
 """Random choices from a counter: hashes of the run's seed, a purpose, a module and an index.
 
-A stream has a key, and its draw number `index` is ``hashed(key, index)``. Nothing is kept but a
-count, so a module draws the same numbers by itself, in arrays and in compiled code. Keys are such
-draws too: a seed and a purpose have a key, and under it draw number `module` is the module's key.
+A stream has a key, and its draw number `index` is ``hashed(key, index)``. The only state is a
+count, so a module draws the same numbers alone, in arrays and in compiled code. Keys are draws too:
+a seed and a purpose have a key, and under it draw number `module` is the module's key.
 
 Source: G. Steele, D. Lea and C. Flood, Fast splittable pseudorandom number generators (OOPSLA
 2014), the generator SplitMix64, which mixes with D. Stafford's variant 13.

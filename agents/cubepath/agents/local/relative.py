@@ -1,16 +1,13 @@
-"""What one module sees as numbers between -1 and 1 that do not say where it is: for a network.
+"""What one module sees as numbers from -1 to 1 that hide where it is: input for a network.
 
 The relative observation follows from the observation that `observe` makes and from what a module
-knows from birth, the static map and its goals; so it is as local as that one.
+knows from the start, the static map and its goals. So it is as local as that observation. It also
+says how many moves each site of a finite system is from the module's goals on an otherwise empty
+map.
 
-How many moves each site of a finite system is from a module's goals, if nobody is in the way.
-
-It follows from the static map and the goals, which a module knows from birth.
-
-The relative observations of many modules at once, from their absolute ones.
-
-They are those of `RelativeObserver`, to the last bit: what depends on the own site alone is asked
-of it once for each site and goals, and what is sensed is looked up for all.
+`RelativeObserver` serves one module. The vectorised form takes the absolute observations of many
+modules and returns the same numbers bit for bit: what depends on a module's own site is computed
+once per site and goals, and what it senses is looked up for all modules together.
 """
 
 from __future__ import annotations
@@ -32,7 +29,7 @@ Hops: TypeAlias = NDArray[np.uint16]
 """The number of moves from each site, by number, to the nearest goal; `NEVER` without a way."""
 
 NEVER = (1 << 16) - 1
-"""More than any number of moves: there are at most so many sites."""
+"""More than any number of moves: there are at most this many sites."""
 
 
 class Sites:
@@ -93,8 +90,8 @@ class Sites:
 def sites_of(system: System) -> Sites | None:
     """Return the sites of a system, numbered; None for a lattice and where there are too many.
 
-    A lattice may have no end, and where its goals lie is told by coordinates. Elsewhere a table for
-    each module takes two bytes for each site. Each letter counts at each place.
+    A lattice may have no end, and coordinates say where its goals lie. Elsewhere a table for each
+    module takes two bytes for each site. Each letter counts at each place.
     """
     if system.catalogue is not None or not system.bounded:
         return None
@@ -262,7 +259,7 @@ class RelativeObserver:
         """
         system, layout = self._system, self.layout
         size = system.site_size
-        # The label is the module's own, and nothing that is told here depends on it.
+        # The label is the module's own, and nothing here depends on it.
         site = system.decode_site(numbers[:size].tolist(), self._label)
         found = np.zeros(layout.length, np.float32)
         found[0] = numbers[size]
@@ -350,7 +347,7 @@ def _total(system: System, goals: tuple[Site, ...]) -> tuple[float, ...]:
 
 
 _KNOWN_MAX = 1 << 18
-"""So many sites are remembered at most, each with goals: then all are asked again."""
+"""At most this many sites are remembered, each with goals: then all are asked again."""
 
 
 class RelativeRows:

@@ -1,5 +1,5 @@
-"""Whether a rule is local: played under all that must not matter to it, and watched.
+"""Checks whether a rule is local: plays it with everything else changed, and watches it.
 
-It imports `environments`, `rules`, `local` and the protocol. Rules are loaded in processes of their
-own alone. The command line asks it.
+It imports `environments`, `rules`, `local` and the protocol. A rule is only ever loaded in a
+separate process. The command line uses this room.
 """

@@ -1,17 +1,12 @@
-"""Checking that a rule is local: playing it in scenes under all that must not matter to it.
+"""Whether a rule is local: the scenes in which it is played, and what the plays show.
 
-The rule is loaded in processes of their own alone, never in the one that checks it.
+The rule is loaded in separate processes, never in the one that checks it. Each family has a small
+scene, in which all modules may sense one another, and a larger one, in which there is something
+that a module does not see.
 
-The scenes in which a rule is checked: of each family a small one, and one beyond its reach.
-
-In a small one all modules may sense one another; only in a larger one is there anything that a
-module does not see.
-
-What the plays of a rule show: where it chose otherwise, and why that is so.
-
-A rule is local if its choices follow from what its module knows from birth, what it has seen, and
-its own stream. So each play in which something else was different must have the same choices as the
-run; each that does not is a finding, and so is each use of what is outside.
+A rule is local if its choices follow from what its module knows from the start, what it has seen,
+and its own random stream. So a play in which anything else was different must have the same choices
+as the original run. Each play that has not is a finding, and so is each use of anything outside.
 """
 
 from __future__ import annotations
@@ -150,7 +145,7 @@ class Evidence:
         self.depends.setdefault(kind, text)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield a finding a kind: what was used, where, and what came of it."""
+        """Yield a finding a kind: what was used, where, and its effect."""
         for kind, depends in DEPENDS.items():
             if kind in self.depends and kind not in USES:
                 names = f" ({', '.join(sorted(self.changed))} changed)" if kind == "state" else ""
@@ -195,9 +190,9 @@ def told(spec: str, found: Difference, how: str, clock: str) -> str:
 
 
 _HASH_SEEDS = 4
-"""So many servers, each with its own hash seed; most plays use the first."""
+"""The number of servers, each with its own hash seed; most plays use the first."""
 _WATCHED = 6
-"""So many modules of a scene are played again on their own, spread over their numbers."""
+"""This many modules of a scene are played again on their own, spread over their numbers."""
 _HESITATE = 0.2
 _ROUNDS = 40
 _SEEDS = 1 << 31
@@ -207,7 +202,7 @@ TIMEOUT_S = 600.0
 
 @dataclass(frozen=True, slots=True)
 class LocalityReport:
-    """What came of checking a rule in some scenes."""
+    """The result of checking a rule in some scenes."""
 
     rule: str
     seed: int
@@ -232,7 +227,7 @@ _USUAL = Conditions()
 
 @dataclass(frozen=True, slots=True)
 class _Variant:
-    """A run under other conditions: what that shows if choices differ, and how it is told."""
+    """A run under other conditions: what that shows if choices differ, and how it is reported."""
 
     kind: Kind
     how: str

@@ -1,8 +1,8 @@
-"""A server that forks a process for each task: each is new, and is there in a few milliseconds.
+"""A server that forks a fresh process for each task, within a few milliseconds.
 
 The server has imported what plays need, and nothing of any rule. It runs as ``python -m
-cubepath.agents.locality.fork_server FD``, with a hash seed of its own. A client sends it one end of
-a pair of sockets; the process that it forks takes the task from there, and answers there.
+cubepath.agents.locality.fork_server FD``, with its own hash seed. A client sends it one end of a
+pair of sockets; the forked process receives its task there and answers there.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class ForkServer:
         self._server.wait()
 
     def play(self, task: PlayTask, patience_s: float = PATIENCE_S) -> PlayResult:
-        """Return what comes of a task in a process of its own; threads may call it."""
+        """Return the result of a task in a separate process; threads may call it."""
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:

@@ -1,6 +1,6 @@
-"""Playing a task in a process of its own: loading the rule, asking it, noting what it uses.
+"""Plays a task in a separate process: loads the rule, asks it, and notes what it uses.
 
-The process is new: nothing of the rule was loaded before.
+The process is new, so nothing of the rule was loaded before.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NOBODY = -1
 
 
 def played(task: PlayTask) -> PlayResult:
-    """Play a task; it changes the process for good."""
+    """Play a task; it changes the process permanently."""
     os.chdir(task.folder)
     _surround(task.conditions.environment)
     file = task.rule.rpartition(":")[0]
@@ -300,7 +300,7 @@ def _check_the_same(module: int, seen: Observation, here: Observation) -> None:
 
 
 class _Others:
-    """The modules around the one whose rule is played again, in a world of their own."""
+    """The modules around the one whose rule is played again, in their own world."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What is played to find out whether a rule is local, and what comes of it.
+"""The plays that show whether a rule is local, and their results.
 
 All of it is plain data, which is pickled between processes.
 """
@@ -134,7 +134,7 @@ Play: TypeAlias = WholeRun | ModuleReplay | FitQuestion
 
 @dataclass(frozen=True, slots=True)
 class PlayTask:
-    """A play for a process of its own, which it begins in an empty `folder`."""
+    """A play for a separate process, which it begins in an empty `folder`."""
 
     rule: str
     play: Play
@@ -154,7 +154,7 @@ class OutsideAccess:
 
 @dataclass(frozen=True, slots=True)
 class PlayResult:
-    """What came of a task.
+    """The result of a task.
 
     `sites` are where modules were before each round of a whole run, or each turn. `changed` names
     what the rule's file holds that is not as it was before the rules were made. `specs` are the
@@ -173,7 +173,7 @@ class PlayResult:
 
 
 _WALK = 6
-"""A module is put where so many moves could have taken it, whoever is in the way."""
+"""A module is put where this many moves could have taken it, whatever is in the way."""
 _TRIES = 4
 _VAIN_MAX = 50
 """Where modules cannot stand by themselves, as diagonals of a triangulation, so many are tried."""

@@ -1,9 +1,9 @@
-"""Traps: what a rule's code uses of the process around it is noted, and under control.
+"""Traps: they note and control what a rule's code uses of the process around it.
 
-Once set, traps stay for the life of the process, so each play has a process of its own. In place of
-the clock, the process id and global random numbers a rule gets what `Conditions` say, a function of
-them, the module and the round; so two plays differ by what was changed between them. Audit hooks
-note the rest: files, network, other processes, frames, what the collector knows.
+Traps stay for the life of the process, so each play has its own process. In place of the clock, the
+process id and global random numbers, a rule gets what `Conditions` define: a function of the
+conditions, the module and the round. So two plays differ only in what was changed between them.
+Audit hooks note the rest: files, network, other processes, frames, what the collector knows.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ class Traps:
     # The clock.
 
     def _seconds(self) -> float:
-        """Return the time of day; it goes on within a round, and from round to round."""
+        """Return the time of day; it continues within a round, and from round to round."""
         self._readings += 1
         number = 0 if self._asked is None else self._asked[1]
         jump = self._number(self._conditions.clock, "clock") % 7919 / 1000
@@ -302,7 +302,7 @@ class Traps:
     def _trap_environment(self) -> None:
         for name in ("uname", "cpu_count", "getlogin"):
             self._replace(os, name, ENVIRONMENT, None)
-        # Each play has a folder of its own; by their names two plays would differ.
+        # Each play has its own folder; by their names two plays would differ.
         self._replace(os, "getcwd", ENVIRONMENT, lambda: place(self._conditions.environment))
         self._replace(socket, "gethostname", ENVIRONMENT, None)
         for name in ("stat", "lstat", "access"):

@@ -1,6 +1,6 @@
 """Child processes by name: started with their configuration, watched, and ended.
 
-The configuration goes over standard input, never on a command line.
+The configuration travels over standard input, never on a command line.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class ChildProcesses:
         return complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
 
     def end(self, patience_s: float) -> None:
-        """Wait so long for processes that were told to stop, and kill those that do not."""
+        """Wait this long for processes that were told to stop, and kill those that do not."""
         deadline = time.monotonic() + patience_s
         try:
             for thread in self._threads:

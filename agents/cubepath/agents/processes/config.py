@@ -1,4 +1,4 @@
-"""The configuration of a module process, which the fleet and the simulator give alike."""
+"""The configuration of a module process. The fleet and the simulator create it in the same way."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     process: int
     modules: list[int]
     processes: list[list[int]]
-    """The modules of every process: who speaks for whom."""
+    """The modules of every process: which process speaks for which module."""
     scene: str
     """The scene as TOML text: processes share no files."""
     rule: str
@@ -30,6 +30,6 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
     recorded: RecordedChoices | None = None
-    """What its modules chose in a run on record, and choose again until that is over."""
+    """What its modules chose in a run in the recording, and choose again until that is over."""
     credentials: Credentials = GUEST
     """By what it shows who it is; a process elsewhere has its own."""

@@ -1,7 +1,7 @@
-"""Which modules each process has: neighbours together.
+"""How modules are distributed over processes: neighbours stay together.
 
-What modules of one process say to each other needs no message between processes, so modules are
-dealt out by where they start.
+Modules of one process exchange no messages between processes, so modules are distributed by where
+they start.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from cubepath.protocol.core.system import Scene, System
 def dealt(scene: Scene, processes: int, modules: Iterable[int] | None = None) -> list[list[int]]:
     """Return the modules of each process in increasing order, as equal in number as possible.
 
-    All `modules` of the scene are dealt out unless told which. They are halved along the coordinate
-    in which their places are spread most, and the halves again. No process is without a module.
+    By default all modules of the scene are distributed. They are halved along the coordinate in
+    which their places are spread most, and the halves again. No process is without a module.
     """
     points = [_point(scene.system, site) for site in scene.start]
     found: list[list[int]] = []

@@ -1,8 +1,8 @@
 """The fleet: it starts, paces and ends module processes, and decides nothing for them.
 
-A fleet starts a private router and the processes, and carries out what its pacing node asks for; or
-its router is open to others, and some processes join from elsewhere. A sink, if given, receives
-every message as it was on the wire.
+A fleet starts a private router and the processes, and carries out the effects of its pacing node.
+Alternatively its router is open to others, and some processes join from elsewhere. If you pass a
+sink, it receives every message as it was on the wire.
 """
 
 from __future__ import annotations
@@ -164,14 +164,14 @@ class LockstepFleet(ProcessFleet):
         after `end_schedule`. With what was `recorded`, modules that it has choices of choose them
         again, and follow the rule after `end_schedule`, the others from the first round on.
 
-        A phase in which nothing comes of anyone for `patience_s` ends the run. What modules the
-        processes from elsewhere leave is dealt to so many own `processes`.
+        A phase in which nothing arrives for `patience_s` ends the run. What modules the processes
+        from elsewhere leave is dealt to this many own `processes`.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
         waiting and may raise to end the run between two messages. `plausible` may refuse what
-        modules say or report. `say` is told in a line where others can join, and who is waited for.
-        Own processes take the `way` to the router. `opened` is called when the router is there,
-        before anyone joins.
+        modules say or report. `say` gets a line with the address where others can join, and with
+        whom the run waits for. Own processes take the `way` to the router. `opened` is called when
+        the router is there, before anyone joins.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
@@ -315,7 +315,7 @@ class LockstepFleet(ProcessFleet):
 
     @property
     def round(self) -> int:
-        """Return the number of the round on the wire; it goes on counting after `reset`."""
+        """Return the number of the round on the wire; it continues counting after `reset`."""
         return self._pacer.round
 
     def reset(self, seed: int) -> None:
@@ -336,7 +336,7 @@ class LockstepFleet(ProcessFleet):
         """Wait between two rounds until `left`, the seconds to wait yet, returns 0.
 
         Nobody's patience runs out meanwhile: processes from elsewhere, which end when they hear
-        nothing for long, are told a phase that is over, which they do not answer.
+        nothing for long, receive a phase that is over, which they do not answer.
         """
         told = looked = time.monotonic()
         while (wait_s := left()) > 0.0:
@@ -375,7 +375,7 @@ class LockstepFleet(ProcessFleet):
         self._do(self._pacer.act(acts))
 
     def tell(self, message: Message) -> None:
-        """Put a message of the coordinator, for whoever listens."""
+        """Publish a message of the coordinator."""
         if self._shell is not None:
             self._shell.carry_out([Put(key_of(self.run, message), encode(message))])
 

@@ -1,8 +1,8 @@
 """A module process: a node with some modules of a run, on one zenoh session.
 
-Started as ``python -m cubepath.agents.processes.host`` with its `ProcessConfig`; it ends when the
-run does, or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in the order
-of the queue.
+It is started as ``python -m cubepath.agents.processes.host`` with its `ProcessConfig`, and ends
+with the run or with its parent. Zenoh callbacks only enqueue; the loop does all the work, in the
+order of the queue.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A module process that joins a run from elsewhere.
 
-It finds the run that waits at a router, asks for its orders until it has them, and serves as any
-module process does. It ends when it is told to, or when the coordinator is gone.
+It finds the run that waits at a router, asks for its configuration until it has one, and then
+serves as any module process does. It ends when it is told to, or when the coordinator is gone.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from cubepath.protocol.wire.shell import Shell
 _POLL_S = 0.1
 _STEP_S = 0.5
 _TAKE_S = 1.5
-"""An address is given so long to take a connection; a run may just be about to listen there."""
+"""How long an address may take to accept a connection; a run may just be about to listen there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Proce
     """Join a run and serve until it ends; return the orders that it gave.
 
     InputError if the run refuses the process. CheckError if nothing answers at the address, soon;
-    if there is no run, or if it ends without a word. `say` is told in a line what is going on.
+    if there is no run, or if it ends without a word. `say` gets a line on what is going on.
     """
     joining.check()
     check_descriptors()
@@ -109,7 +109,7 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Proce
             credentials=joining.credentials,
         )
         say(f"joined run {run} as {process_name(orders.process)}")
-        # Before the scene is read: what goes wrong with it is then noticed at once.
+        # Before the scene is read: what goes wrong with it is then noticed immediately.
         with session.liveliness().declare_token(alive_key(run, process_name(orders.process))):
             _serve(session, orders, liveness, joining.patience_s)
     return orders
@@ -173,7 +173,7 @@ def _check_there(liveness: Liveness, run: str) -> None:
 def _serve(
     session: zenoh.Session, orders: ProcessConfig, liveness: Liveness, patience_s: float
 ) -> None:
-    """Serve until the run stops, its coordinator is gone, or nothing is heard for so long."""
+    """Serve until the run stops, its coordinator is gone, or nothing arrives for this long."""
     begun = time.monotonic()
     heard: list[float] = []
 

@@ -1,30 +1,25 @@
-"""Judging what comes in: a message is taken, or refused with a reason; nothing is raised elsewhere.
+"""Judging incoming messages: each is accepted, or refused with a reason.
 
-Module processes and the coordinator judge alike, by what every process knows: the run, the system,
-and which modules each process has. What is left to judge, where modules stand and which moves are
-admissible, the coordinator's gatherer knows.
+Module processes and the coordinator judge by the same rules, from what every process knows: the
+run, the system, and which modules each process has. The coordinator's gatherer also knows where
+modules stand and which moves are admissible, and judges the rest.
 
-The phases of a round, in which order they come, and when what is missing is asked for.
+The phases of a round are defined here: their order, and when a node asks again for what is missing.
 
-The nodes of module processes and of the coordinator share them.
-
-What the coordinator refuses: counted, and told of on record without filling it.
-
-Of the messages of a round with the same sender and reason the first is told of at once, with how it
-begins, and how many more there were when the round ends or the wait goes on.
+The coordinator records its refusals without letting them fill the recording. The first message of a
+round with a given sender and reason is recorded immediately, with its first bytes; the number of
+further ones follows when the round ends or the wait continues.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NoReturn, TypeAlias
-
-import msgspec
+from typing import Literal, NoReturn, TypeAlias
 
 from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
 from cubepath.protocol.wire.messages import (
@@ -90,13 +85,6 @@ def refuse(reason: Reason, why: str) -> NoReturn:
     raise RefusedError(reason, why)
 
 
-class HeardMessage(msgspec.Struct, frozen=True):
-    """What was said, with the sites from which its parts were said."""
-
-    said: Bundle
-    senders: tuple[Site, ...]
-
-
 class Judge:
     """Judges messages of one run."""
 
@@ -109,7 +97,7 @@ class Judge:
             module: process for process, modules in enumerate(modules_of) for module in modules
         }
         self._system = system
-        self._sites: dict[bytes, Site] = {}
+        self._checked: set[Site] = set()
 
     def read(self, key: str, data: bytes) -> Message:
         """Return the message that was put on a key; RefusedError if it may not be there."""
@@ -140,44 +128,40 @@ class Judge:
                 refuse("out of place", f"{kind_of(message)} is on record, and never on the wire")
         return message
 
-    def heard(self, said: Bundle) -> HeardMessage:
-        """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
+    def check(self, said: Bundle) -> None:
+        """Raise RefusedError if a bundle cannot be."""
         process, round_number = said.process, said.round
-        kinds, process_of, sites = KINDS_IN[said.phase], self._process_of, self._sites
-        senders: list[Site] = []
+        kinds, process_of, checked = KINDS_IN[said.phase], self._process_of, self._checked
         for part in said.parts:
             in_phase = part.round == round_number and type(part) in kinds
             if process_of.get(part.module) != process or not in_phase:
                 _refuse_part(said, part)
-            sender = sites.get(encode(part.site))
-            if sender is None:
-                sender = self._read_site(part)
+            if part.site not in checked:
+                self._check_sender(part)
             if type(part) is not Presence:
-                self._check_content(part, sender)
-            senders.append(sender)
+                self._check_content(part)
         if len({(type(part), part.module) for part in said.parts}) != len(said.parts):
             refuse("doubled", f"process_{said.process} says something twice in one message")
         if said.number and said.phase != "settle":
             refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
         modules = len(self._modules_of[said.process])
         if said.number >= modules:
-            # Verdicts are said one by one at most, and each module has one.
+            # A verdict may come in a bundle of its own, and each module has one.
             refuse(
                 "out of place",
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",
             )
-        return HeardMessage(said, tuple(senders))
 
-    def _check_content(self, part: Part, sender: Site) -> None:
+    def _check_content(self, part: Part) -> None:
         match part:
             case Note(note=note):
                 self._check_note(_name(part), note)
             case Claim():
-                self._check_claim(part, sender)
+                self._check_claim(part)
             case Verdict(to=to):
                 for place in to:
                     # A place without its label is no site of a labelled system, and still a place.
-                    _known(part, place, self._system.check_place)
+                    _check_site(part, place, self._system.check_place)
             case _:
                 pass
 
@@ -187,24 +171,23 @@ class Judge:
         if SILENT in note:
             refuse("malformed", f"{name}: {SILENT} stands for no note, expected more")
 
-    def _check_claim(self, claim: Claim, sender: Site) -> None:
+    def _check_claim(self, claim: Claim) -> None:
         try:
-            move = self._system.move_named(sender, claim.generator, site_from_json(claim.at))
+            move = self._system.move_named(claim.site, claim.generator, claim.at)
         except _NO_PLACE:
             move = None
         if move is None:
             where = f"{claim.generator} at {_short(claim.at)}"
             refuse("impossible", f"{_name(claim)}: {where} is no move from there")
 
-    def _read_site(self, part: Part) -> Site:
-        """Return the site of a speaker, and know it by its spelling from now on."""
-        site = _known(part, part.site, self._checked_site)
-        if len(self._sites) >= _SITES_MAX:
-            self._sites.clear()
-        self._sites[encode(part.site)] = site
-        return site
+    def _check_sender(self, part: Part) -> None:
+        """Check the site of a sender, once."""
+        _check_site(part, part.site, self._check_module_site)
+        if len(self._checked) >= _SITES_MAX:
+            self._checked.clear()
+        self._checked.add(part.site)
 
-    def _checked_site(self, site: Site) -> None:
+    def _check_module_site(self, site: Site) -> None:
         system = self._system
         system.check_place(system.place_of(site))
         system.code_of(site)
@@ -252,14 +235,12 @@ def _refuse_part(said: Bundle, part: Part) -> NoReturn:
     refuse("foreign", f"{_name(part)}, which is not in process_{said.process}")
 
 
-def _known(part: Part, value: object, check: Callable[[Any], None]) -> Site:
-    """Return a site that a part names, if it passes a check."""
+def _check_site(part: Part, site: Site, check: Callable[[Site], None]) -> None:
+    """Refuse a part that names a site which does not pass a check."""
     try:
-        found = site_from_json(value)
-        check(found)
+        check(site)
     except _NO_PLACE:
-        refuse("impossible", f"{_name(part)}: {_short(value)} is no place of a module")
-    return found
+        refuse("impossible", f"{_name(part)}: {_short(site)} is no place of a module")
 
 
 def _short(value: object) -> str:
@@ -268,7 +249,7 @@ def _short(value: object) -> str:
 
 
 _KINDS_MAX = 32
-"""So many senders and reasons are told apart in a round."""
+"""The number of different senders and reasons that are counted in a round."""
 _OTHERS = "others"
 _NAME_MAX, _KEY_MAX, _WHY_MAX, _SAMPLE_MAX = 64, 200, 400, 200
 
@@ -281,7 +262,7 @@ class Refusals:
         self.count = 0
         """How many there were so far."""
         self.last: Refused | None = None
-        """The last that was told of in full."""
+        """The last that was recorded in full."""
         self._known: dict[tuple[str, Reason], Refused] = {}
         self._more: Counter[tuple[str, Reason]] = Counter()
         self._round = -1

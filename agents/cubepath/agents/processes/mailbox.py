@@ -1,7 +1,7 @@
-"""What a process has heard from others and said itself, by phase and region, until it is over.
+"""What a process has received and sent, by phase and region, until the phase is over.
 
-A phase begins once all that was said before it has been heard, and what somebody has missed is said
-again.
+A phase begins once everything sent in the previous one has arrived. A message that a receiver
+missed is sent again.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
-from cubepath.agents.processes.judge import HeardMessage, Spoken
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.agents.processes.judge import Spoken
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import Bundle, Part, Presence, Verdict, encode
@@ -19,29 +19,28 @@ from cubepath.protocol.wire.nodes import Put
 
 
 class Inbox:
-    """What other processes said, each message once."""
+    """The messages of other processes, each once."""
 
     def __init__(self) -> None:
-        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], HeardMessage]] = {}
+        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Bundle]] = {}
 
     def knows(self, said: Bundle) -> bool:
         """Return whether a message of that number is kept already, whatever it holds."""
         kept = self._heard.get((said.round, said.phase), ())
         return (said.region, said.process, said.number) in kept
 
-    def keep(self, heard: HeardMessage) -> None:
-        """Keep what was said."""
-        said = heard.said
+    def keep(self, said: Bundle) -> None:
+        """Keep a bundle."""
         kept = self._heard.setdefault((said.round, said.phase), {})
-        kept[said.region, said.process, said.number] = heard
+        kept[said.region, said.process, said.number] = said
 
-    def kept(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
-        """Return what was said in a phase, in an order that does not depend on its arrival."""
+    def kept(self, round_number: int, phase: Spoken) -> list[Bundle]:
+        """Return the bundles of a phase, in an order that does not depend on their arrival."""
         kept = self._heard.get((round_number, phase), {})
         return [kept[key] for key in sorted(kept)]
 
-    def take(self, round_number: int, phase: Spoken) -> list[HeardMessage]:
-        """Return what was said in a phase, and keep it no longer."""
+    def take(self, round_number: int, phase: Spoken) -> list[Bundle]:
+        """Return the bundles of a phase, and keep them no longer."""
         found = self.kept(round_number, phase)
         self._heard.pop((round_number, phase), None)
         return found
@@ -51,12 +50,12 @@ class Inbox:
         return Counter(region for region, _, _ in self._heard.get((round_number, phase), ()))
 
     def forget_before(self, round_number: int) -> None:
-        """Forget what was said in earlier rounds."""
+        """Forget the bundles of earlier rounds."""
         self._heard = {key: kept for key, kept in self._heard.items() if key[0] >= round_number}
 
 
 class Outbox:
-    """What the modules of a process have said in a round."""
+    """The messages of a process's modules in a round."""
 
     def __init__(self, system: System, run: str, process: int, round_number: int) -> None:
         self._system = system
@@ -66,7 +65,7 @@ class Outbox:
         self.begin(round_number)
 
     def begin(self, round_number: int) -> None:
-        """Begin a round, in which nothing has been said yet."""
+        """Begin a round, in which nothing has been sent yet."""
         self._round = round_number
         self._said: dict[str, dict[str, list[Put]]] = {}
 
@@ -94,22 +93,22 @@ class Outbox:
         return found
 
     def said(self, phase: str) -> list[Put]:
-        """Return all that was said in a phase: nothing, if it is not one to speak in."""
+        """Return all bundles of a phase: nothing, if it is not one to speak in."""
         return [put for puts in self._said.get(phase, {}).values() for put in puts]
 
     def said_to(self, phase: Spoken, region: str) -> list[Put]:
-        """Return what was said to a region in a phase."""
+        """Return the bundles to a region in a phase."""
         return self._said.get(phase, {}).get(region, [])
 
     def counts(self, phase: str) -> dict[str, int]:
-        """Return by region how many messages were said in a phase."""
+        """Return by region how many messages were sent in a phase."""
         return {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
 
     def _regions(self, part: Part) -> frozenset[str]:
         system = self._system
         if isinstance(part, Verdict):
-            return frozenset(system.region(site_from_json(place)) for place in part.to)
-        place = system.place_of(site_from_json(part.site))
+            return frozenset(system.region(place) for place in part.to)
+        place = system.place_of(part.site)
         return self._regions_of(place, sensed=isinstance(part, Presence))
 
     def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:

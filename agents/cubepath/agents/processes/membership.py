@@ -1,15 +1,10 @@
-"""Processes that join a run from elsewhere: what they ask, who has asked, and who is alive.
+"""Processes that join a run from elsewhere: their requests, the offers, and who is alive.
 
-Who is alive on the network: zenoh's liveliness tokens, watched across restarts of the router.
+A process asks for its configuration with a zenoh get on ``cubepath/RUN/orders/process_N``, or
+``.../any``. The answer is a `JoinOffer`, or an error of one line; neither is recorded. A process
+repeats its request every `ASK_S`, so one that has been silent for `FORGET_S` counts as gone.
 
-What a process that joins from elsewhere asks, and what it is answered.
-
-It asks by a zenoh get on ``cubepath/RUN/orders/process_N``, or ``.../any``. The answer is an
-`JoinOffer`, or an error of one line. Neither is on record.
-
-Who has asked to join a run from elsewhere, with which modules: a pure table.
-
-Whoever waits asks again every `ASK_S`, so who is not heard for `FORGET_S` has gone.
+Zenoh's liveliness tokens show who is alive, across restarts of the router.
 """
 
 from __future__ import annotations
@@ -25,12 +20,13 @@ import zenoh
 
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Count, Name
 from cubepath.protocol.wire.sessions import routers_of, watch
 
 GONE_S = 1.0
-"""A token that is not there for so long has gone, at a router that is there."""
+"""A token that is absent for this long, at a router that answers, has gone."""
 SETTLE_S = 10.0
 """Within this time sessions find a router that came back, and declare their tokens again."""
 
@@ -54,7 +50,7 @@ class Liveness:
         self._subscriber = watch(session, key, lambda *change: self._changes.put(change))
 
     def _look(self) -> float:
-        """Take note of what has changed; return the time."""
+        """Note what has changed; return the time."""
         now = time.monotonic()
         while not self._changes.empty():
             key, alive = self._changes.get_nowait()
@@ -68,7 +64,7 @@ class Liveness:
         return now
 
     def gone(self) -> list[str]:
-        """Return the keys of tokens that have gone for good, as far as one can tell."""
+        """Return the keys of tokens that seem to have gone permanently."""
         now = self._look()
         if not self._routers or now - self._changed_s < SETTLE_S:
             return []
@@ -133,7 +129,7 @@ def read_offer(data: bytes) -> ProcessConfig:
         found = msgspec.json.decode(data, type=JoinOffer)
         if found.protocol != PROTOCOL:
             raise InputError(_other(PROTOCOL, found.protocol))
-        return msgspec.json.decode(found.orders, type=ProcessConfig)
+        return msgspec.json.decode(found.orders, type=ProcessConfig, dec_hook=site_hook)
     except _NOT_DECODED as error:
         raise CheckError(f"not the orders of a process: {error}") from None
 
@@ -165,7 +161,7 @@ class Membership:
     """The joiners of one run, up to the number that is expected."""
 
     def __init__(self, modules: int, expected: int) -> None:
-        """Expect so many joiners for a scene with so many modules."""
+        """Expect this many joiners for a scene with this many modules."""
         self._modules = modules
         self._expected = expected
         self._entries: dict[str, _Entry] = {}

@@ -1,4 +1,4 @@
-"""Where the processes of a run meet, and how many come from elsewhere."""
+"""Where the processes of a run meet, and how many of them join from elsewhere."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from cubepath.protocol.wire.sessions import check_endpoint
 Way: TypeAlias = Callable[[str, str, Credentials], tuple[str, Credentials]]
 """Where a process finds the router, and what it shows there of who it is.
 
-It is given the name of the process, where the router listens and the credentials there; whoever
-tests what a process does when the wire is bad gives it another way to the router.
+It is given the name of the process, where the router listens and the credentials there; a test of a
+bad wire gives a process another way to the router.
 """
 
 
@@ -34,7 +34,7 @@ def straight(_name: str, endpoint: str, credentials: Credentials) -> tuple[str, 
 
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
-    """A private router, unless told otherwise."""
+    """A private router by default."""
 
     listen: str | None = None
     """Where the router of the run listens, ``tcp/HOST:PORT`` or ``tls/HOST:PORT``."""
@@ -51,7 +51,7 @@ class NetworkConfig:
         return self.secure is None and self.listen is not None
 
     def check(self, modules: int, processes: int) -> None:
-        """Check it for a run of so many modules in so many own processes; InputError if not."""
+        """Check it for a run of this many modules in this many own processes; InputError if not."""
         if self.listen is not None and self.connect is not None:
             raise OptionError(f"connect={self.connect}: the run has a router already, to listen")
         endpoint = self.listen if self.connect is None else self.connect

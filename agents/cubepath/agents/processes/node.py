@@ -1,9 +1,9 @@
 """The node of a module process: some modules of a run, as a pure machine.
 
-It is told of messages and ticks and gives effects; `host` carries them out on zenoh. It says what
-its modules say, a message a region, and gives each module what is addressed to its place, once all
-of a phase has arrived. What is delayed, doubled or out of order makes no difference; what is
-missing it asks for again. What is refused (`judge`) has no effect.
+It receives messages and ticks and returns effects; `host` carries them out on zenoh. It sends the
+messages of its modules, one per region, and passes each module what is addressed to its place once
+everything of a phase has arrived. Late, duplicate or reordered messages make no difference; the
+node asks again for missing ones. A refused message (`judge`) has no effect.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from cubepath.agents.processes.judge import (
     ASK_S_MIN,
     BEFORE,
     ORDER,
-    HeardMessage,
     Judge,
     RefusedError,
     Spoken,
@@ -30,7 +29,7 @@ from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.schedule import as_recorded, scheduled
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
@@ -52,7 +51,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
-"""So often a process repeats in a round what another asks for again; a flood ends there."""
+"""How often a process retransmits for another in a round; a flood ends there."""
 
 
 class HostNode:
@@ -119,7 +118,7 @@ class HostNode:
             self._within.setdefault(self._system.region(place), {})[place] = core
 
     def start(self) -> list[Effect]:
-        """Listen, and say that the process is there until it is told to begin."""
+        """Listen, and announce the process until it is told to begin."""
         config = self._config
         keys = [
             topic_key(config.run, "go", "coordinator"),
@@ -212,20 +211,20 @@ class HostNode:
         counts = self._outbox.counts(phase)
         return Ready(self._round, self._config.process, phase, counts)
 
-    # What is heard.
+    # Incoming messages.
 
     def _hear(self, said: Bundle) -> list[Effect]:
-        """Keep what was said for the end of its phase; verdicts are given at once."""
+        """Keep a bundle for the end of its phase; verdicts are given immediately."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
-        heard = self._judge.heard(said)
-        self._inbox.keep(heard)
+        self._judge.check(said)
+        self._inbox.keep(said)
         if said.phase == self._phase == "settle":
-            return self._conclude(self._tell_own(self._give(heard)))
+            return self._conclude(self._tell_own(self._give(said)))
         return self._try_to_begin()
 
     def _awaits(self, said: Bundle) -> bool:
-        """Return whether what was said has its phase before it or in it; else it is a double."""
+        """Return whether a bundle's phase is still to come or under way; else it is a double."""
         if said.process == self._config.process or said.region not in self._within:
             return False
         if said.phase == "sense":
@@ -238,21 +237,21 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, heard: HeardMessage) -> list[Part]:
+    def _give(self, said: Bundle) -> list[Part]:
         """Give modules what is addressed to their places; return what they say to it."""
-        there = self._within.get(heard.said.region)
+        there = self._within.get(said.region)
         found: list[Part] = []
         if there:
             system = self._system
-            for part, sender in zip(heard.said.parts, heard.senders, strict=True):
-                for place in addressees(system, part, sender):
+            for part in said.parts:
+                for place in addressees(system, part):
                     core = there.get(place)
                     if core is not None:
-                        found += core.hear(part, sender)
+                        found += core.hear(part)
         return found
 
     def _missing(self, go: Go) -> list[str]:
-        """Return the regions of the modules to which more was said than has been heard."""
+        """Return the regions of the modules to which more was sent than has arrived."""
         before = BEFORE.get(go.phase)
         if before is None:
             return []
@@ -260,24 +259,23 @@ class HostNode:
         return [region for region in sorted(self._within) if heard[region] < go.sent.get(region, 0)]
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
-        """Give modules all that was said in a phase by modules of other processes."""
-        for heard in self._inbox.take(round_number, phase):
-            self._give(heard)
+        """Give modules everything that modules of other processes sent in a phase."""
+        for said in self._inbox.take(round_number, phase):
+            self._give(said)
 
-    # What is said.
+    # Outgoing messages.
 
     def _tell_own(self, parts: Iterable[Part]) -> list[Part]:
-        """Give what own modules say to own modules; return all that is said, answers included."""
+        """Give what own modules say to own modules; return all messages, answers included."""
         said: list[Part] = []
         queue = deque(parts)
         while queue:
             part = queue.popleft()
             said.append(part)
-            sender = site_from_json(part.site)
-            for place in addressees(self._system, part, sender):
+            for place in addressees(self._system, part):
                 core = self._there.get(place)
                 if core is not None:
-                    queue.extend(core.hear(part, sender))
+                    queue.extend(core.hear(part))
         return said
 
     # The phases.
@@ -318,7 +316,7 @@ class HostNode:
         return Put(key_of(self._config.run, message), encode(message))
 
     def _repeat(self) -> list[Effect]:
-        """Say again all that was said in this phase."""
+        """Repeat all messages of this phase."""
         answers = self._answers or [self._waiting(self._round, self._phase)]
         return [*self._outbox.said(self._phase), *answers]
 

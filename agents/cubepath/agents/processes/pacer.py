@@ -1,10 +1,11 @@
-"""The pacing node of a coordinator: it lets each phase begin when the one before is over.
+"""The pacing node of a coordinator: it starts each phase when the previous one is over.
 
-A pure machine, like the node of a module process: `LockstepFleet` carries its effects out on
-zenoh. It decides nothing for a module and carries nothing between them but how many messages were
-said to each region. A phase is over when every process has answered and everything that it said in
-the phase has arrived here too, so that the record is whole; what is missing is asked for again.
-What comes in is judged; what is refused changes nothing, and is told of on record (`Refusals`).
+It is a pure machine, like the node of a module process; `LockstepFleet` carries its effects out on
+zenoh. It decides nothing for a module, and carries nothing between modules except how many messages
+were sent to each region. A phase is over when every process has answered and everything it sent in
+the phase has arrived here too, so that the recording is complete; the node asks again for missing
+messages. It judges what arrives; a refused message changes nothing and is noted in the recording
+(`Refusals`).
 """
 
 from __future__ import annotations
@@ -43,15 +44,15 @@ from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
 
 Phase: TypeAlias = Literal["join", "sense", "observe", "claim", "settle", "over"]
 PATIENCE_S = 60.0
-"""How long nothing may come of a phase, unless told otherwise."""
+"""How long a phase may make no progress, by default."""
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
 Check: TypeAlias = Callable[[Message], object]
-"""Takes each message of modules once, and the answer of a process when all that it said has come;
+"""Takes each message of modules once, and the answer of a process when all its messages have come;
 raises RefusedError if it cannot be, given where modules stand."""
 _NAMED_MAX = 8
 _ASKED_MAX = 1000
-"""So many messages that ask again, or say that one waits, are taken of a process in a phase."""
+"""This many messages that ask again, or say that one waits, are taken of a process in a phase."""
 
 
 class ProcessDied(CheckError):  # noqa: N818 - named for what happened
@@ -165,10 +166,10 @@ class Pacer:
         data = encode(message)
         return [Put(key_of(self._run, message), data), Keep(data, message)]
 
-    # What comes of it.
+    # Effects.
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; what is refused has no effect but that it is told of on record."""
+        """Take a message; a refused message has no effect except a note in the recording."""
         try:
             message = self._judge.read(key, data)
             match message:
@@ -205,7 +206,7 @@ class Pacer:
         return [Keep(data, message)]
 
     def _is_true(self, said: Bundle, data: bytes) -> bool:
-        """Return whether what is said is due, as `_is_new`; who says what cannot be is not through.
+        """Return whether a bundle is due, as `_is_new`; who says what cannot be is not through.
 
         Others may have heard it: were another message taken for it, they would know otherwise.
         """
@@ -231,7 +232,7 @@ class Pacer:
         if self.idle:
             refuse("out of place", f"{kind_of(message)} of {_when(message)}, which is over")
         if isinstance(message, Bundle):
-            self._judge.heard(message)
+            self._judge.check(message)
         elif isinstance(message, Reports | Observations):
             self._judge.check_whole(message)
         if self._check is not None and not isinstance(message, Ready):
@@ -292,7 +293,7 @@ class Pacer:
         return self._pass(message.process)
 
     def _pass(self, process: int) -> list[Effect]:
-        """Let a process be through if it is, and if what it said is all that was due."""
+        """Let a process be through if it is, and if it sent everything that was due."""
         if process in self._false | self._through or not self._is_through(process):
             return []
         self._through.add(process)
@@ -316,7 +317,7 @@ class Pacer:
         return self._refusals.add(self.round, key, self._answers[process], error)
 
     def _is_through(self, process: int) -> bool:
-        """Return whether a process has answered, and all that it said has arrived."""
+        """Return whether a process has answered, and all its messages have arrived."""
         ready = self._ready.get(process)
         if ready is None:
             return False

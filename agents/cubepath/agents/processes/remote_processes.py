@@ -1,7 +1,7 @@
-"""Processes that join a run from elsewhere, as the coordinator sees them.
+"""Processes that join a run from elsewhere, from the coordinator's side.
 
-A session answers who asks for orders, and is told by zenoh who is alive. Its callbacks only
-enqueue; `look` does the work.
+A session answers requests for a configuration and watches which processes are alive. Its callbacks
+only enqueue; `look` does the work.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class RemoteProcesses:
                 self._answer(joiner)
 
     def look(self, timeout_s: float = 0.0) -> None:
-        """Take the questions that have come, waiting so long for the first."""
+        """Take the questions that have come, waiting this long for the first."""
         try:
             query = self._queue.get(timeout=timeout_s) if timeout_s else self._queue.get_nowait()
             self._take(query)

@@ -1,7 +1,7 @@
-"""What must come of the claims of a round, given the verdicts that were said, and who differs.
+"""What must follow from the claims of a round and the verdicts sent, and which module disagrees.
 
-A module knows the claims that conflict with its own and is told the verdicts on those that go
-before it; the rest follows. Whoever hears all of it can say who has not kept to that.
+A module knows the claims that conflict with its own and receives the verdicts on those that outrank
+it; the rest follows. A process that receives all of it can name the module that broke the rule.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cubepath.agents.local.arbitration import (
     waiting_for,
 )
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.messages import Report
 
 
@@ -65,8 +65,8 @@ class Settling:
         """Return the first module whose verdict or report does not follow, and a line; or None.
 
         All verdicts that are waited for must be known, and the reports of all modules; `sites` are
-        those at the beginning of the round. Who was told a false verdict, and kept to it, is not
-        named, but who said it: it ranks before.
+        those at the beginning of the round. A module that received a false verdict and acted on it
+        is not named, but the one that sent it is: it ranks before.
         """
         for module in self._ranked:
             due = verdict(self.before[module], verdicts)
@@ -81,6 +81,6 @@ class Settling:
                 taken |= {source: self.claims[module] for source, _ in self.claims[module].motion}
         for module, site in sites.items():
             due_site = site_after(site, [taken[site]] if site in taken else [])
-            if site_from_json(reports[module].site) != due_site:
+            if reports[module].site != due_site:
                 return module, f"report of module_{module}: the moves take it to {due_site!r}"
         return None

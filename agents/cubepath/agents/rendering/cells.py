@@ -1,6 +1,6 @@
 """Cells in rows: hexagons, squares, and maps of squares, as text and on axes.
 
-It only draws what it is given. On a map y counts downwards, vehicles are discs, and cells that are
+It draws only what it is given. On a map y counts downwards, vehicles are discs, and cells that are
 no places are walls.
 """
 

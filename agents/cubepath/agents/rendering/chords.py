@@ -1,6 +1,6 @@
 """Chords between points: the diagonals of a triangulation, as text and on axes.
 
-It only draws what it is given.
+It draws only what it is given.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Letters at fixed places: words and assemblies, as text and on axes.
 
-It only draws what it is given.
+It draws only what it is given.
 """
 
 from __future__ import annotations

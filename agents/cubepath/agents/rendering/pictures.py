@@ -1,8 +1,8 @@
 """Pictures of the modules by style: text, pixels, drawings on matplotlib's axes, data for a page.
 
-matplotlib is imported only when something is drawn, and only through its objects: no pyplot, so no
-window and no global state. For pictures that move the styles draw on a list instead of on axes.
-There lengths and line widths are in cells, y upwards.
+matplotlib is imported only when something is drawn, and used only through its objects: no pyplot,
+so no window and no global state. For moving pictures the styles draw into a list instead of on
+axes. There, lengths and line widths are in cells, with y upwards.
 """
 
 from __future__ import annotations

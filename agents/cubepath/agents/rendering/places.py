@@ -1,6 +1,6 @@
-"""Modules drawn place by place, as on lattices, maps and graphs; and graphs themselves.
+"""Modules drawn place by place, on lattices, maps and graphs; and graphs themselves.
 
-Vertices of a graph lie where the system says, or on a circle.
+The system says where the vertices of a graph lie; otherwise they lie on a circle.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Styles of pictures: how a scene is written as text, framed and drawn, and with which tools.
+"""Styles of pictures: how a scene becomes text, a frame and a drawing, and with which tools.
 
-Pictures lie in the plane; a solid is what stands there, with a height, for viewers in three
-dimensions. A pen draws on a canvas: matplotlib's axes, or a list of what was drawn (`pictures`).
-Colours are those on white paper; a theme says what stands for them on dark ground.
+Pictures lie in the plane; a solid has a height too, for viewers in three dimensions. A pen draws on
+a canvas: matplotlib's axes, or a list of what was drawn (`pictures`). Colours are those for white
+paper; a theme replaces them on a dark ground.
 """
 
 from __future__ import annotations

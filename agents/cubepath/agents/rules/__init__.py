@@ -1,7 +1,7 @@
-"""Rules: what a module chooses from what it sees, built in or from other distributions.
+"""Rules: how a module chooses from what it sees, built in or from other distributions.
 
-A rule sees a `View` and returns a `Choice`; an `Actor` asks one for one module, and `VectorActors`
-for all modules of many environments, if the rule has such a form. It imports `local`, the protocol,
-and of `keepers` what an attempt takes. Module processes and environments let rules act; the
-coordinator asks for them by name.
+A rule receives a `View` and returns a `Choice`. An `Actor` asks a rule for one module, and
+`VectorActors` for all modules of many environments, if the rule has that form. It imports `local`,
+the protocol and, from `keepers`, what an attempt needs. Module processes and environments let rules
+act; the coordinator asks for them by name.
 """

@@ -14,7 +14,7 @@ from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, s
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError, RuleError
-from cubepath.protocol.core.sites import Site, in_order, to_json
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.wire.free_messages import Attempt
 from cubepath.protocol.wire.keys import Tiles
@@ -24,8 +24,8 @@ class Actor:
     """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
     With `hesitate` P the module makes no claim in a round with probability P. Its rule is still
-    asked and its note is still sent, as if the claim had been lost. Under the free clock nothing
-    comes of the whole choice, as if the attempt had been refused.
+    asked and its note is still sent, as if the claim had been lost. Under the free clock the whole
+    choice has no effect, as if the attempt had been refused.
     """
 
     def __init__(
@@ -166,12 +166,12 @@ def attempt_of(
         epoch=epoch,
         number=number,
         turn=turn,
-        site=to_json(site),
+        site=site,
         generator=None if move is None else move.generator,
-        at=None if move is None else to_json(move.at),
-        sensed=[(to_json(unit), to_json(units[unit])) for unit in in_order(units)],
+        at=None if move is None else move.at,
+        sensed=[(unit, units[unit]) for unit in in_order(units)],
         notes=[
-            (to_json(near), list(shown), None if new is None else list(new))
+            (near, list(shown), None if new is None else list(new))
             for near in in_order(registers)
             for shown, new in (registers[near],)
         ],

@@ -21,7 +21,7 @@ Why the chain reaches its goal. Let s_t ... s_1 and g_0 ... g_k be the static ce
    and walkers, being on the convex side, touch no free goal cell but T.
 2. A walker beside the start row touches an s_j ahead of it that is on: when s_t leaves, the cells
    that touch only s_t and s_(t+1) are C and E of its move, so they are free.
-3. With catalogue 1 walkers of a track are never side by side. After A' the track goes on either
+3. With catalogue 1 walkers of a track are never side by side. After A' the track continues either
    straight, to E', which that catalogue wants off, or about B, to D'; walkers ahead only move on.
 
 The rest of a support, E F C F' E', is five cells in a row on the second ring about B. The track is
@@ -33,13 +33,13 @@ modules only go forward.
 
 *Without rounds.* Its register says what a module has to do: which end of the goal is g_0, in which
 of the six directions u leads, and m. It is written once, while the module stands at its start, and
-read from then on, so a module that is started again anywhere goes on as before.
+read from then on, so a module that is started again anywhere continues as before.
 
 *Start.* Which task a module has shows in the chain as it was at first, and others may have moved
 before a slow module looks. So s_m writes its register only after s_(m-1) has written its own, and
 moves only after it has written. The support of a move of s_m wants s_(m+1) off, so the first to
-move is the tail, after all others have written: whoever has not yet written sees the start, however
-late it sees it.
+move is the tail, after all others have written: a module that has not yet written sees the start,
+however late it sees it.
 
 *Moves.* A commit is a move of the rule with rounds, in a round in which all others hesitate. What
 the rule asks of other cells holds when it is committed, not only when it was seen: B is in the

@@ -16,7 +16,7 @@ from cubepath.protocol.core.system import System
 
 
 def plus(one: Cell, other: Cell, times: int = 1) -> Cell:
-    """Return one cell moved by so many times another."""
+    """Return one cell moved by this many times another."""
     return one[0] + times * other[0], one[1] + times * other[1]
 
 

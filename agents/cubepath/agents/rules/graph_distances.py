@@ -1,6 +1,6 @@
 """Distances on the static graph, for the rules of vehicles.
 
-All vehicles in a process share a graph, so each result is computed once for all of them.
+All vehicles of a process share a graph, so each result is computed once for all of them.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ probability one, under hesitation and lost claims. A vehicle that follows this p
 vertex one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass the
 push on, or one of these vehicles has an empty vertex one deeper. That vertex is closed to all
 vehicles except such ones, so one of them claims it, and the empty vertex is one less deep; in the
-end it is w, which is closed to all except v. *If v is told full, K is full*: all vertices of K, by
+end it is w, which is closed to all except v. *If v hears full, K is full*: all vertices of K, by
 induction on depth, hold vehicles that stand still, and K stays full as long as v stays. So if K has
 at least as many vertices as there are vehicles, for every p and w on v's way, v reaches its goal;
 then it is the weakest, so every vehicle reaches its goal at some time. This holds in every graph
@@ -54,20 +54,21 @@ has given up, so an answer to an earlier push is none to this one. A move to a v
 only if the registers about that vertex, where pushes would close it, are as they were seen; a
 vehicle says that it is full only if those one deeper still say so.
 
-What remains of the guarantee. A vehicle that leaves its goal ends with a greater time, so whoever
-stays away becomes the strongest in the end, and the argument of `pibt` holds for it: let v be that
-vehicle, at p, pushing w, and K the component of w without p. While v stands, its register stands,
-and so, one depth after another, do those of the vehicles that follow its push; a chain of registers
-that goes back to an earlier push comes to an end, from its root on. So the vertices one deeper are
-closed to all others, also at the moment of their commits. *If K has an empty vertex, v comes
-nearer,* with probability one: the attempt of a follower fails only where something about its vertex
-has changed since it looked. *If v is told full, K is full*: each answer was committed while those
-one deeper said the same to the same push, and these stand still. So vehicles reach their goals
-under the conditions of `pibt`, also when they hesitate or see late, and not always at one time.
+What remains of the guarantee. A vehicle that leaves its goal ends with a greater time, so a vehicle
+that stays away becomes the strongest in the end, and the argument of `pibt` holds for it: let v be
+that vehicle, at p, pushing w, and K the component of w without p. While v stands, its register
+stands, and so, one depth after another, do those of the vehicles that follow its push; a chain of
+registers that goes back to an earlier push comes to an end, from its root on. So the vertices one
+deeper are closed to all others, also at the moment of their commits. *If K has an empty vertex, v
+comes nearer,* with probability one: the attempt of a follower fails only where something about its
+vertex has changed since it looked. *If v hears full, K is full*: each answer was committed while
+those one deeper said the same to the same push, and these stand still. So vehicles reach their
+goals under the conditions of `pibt`, also when they hesitate or see late, and not always at one
+time.
 
-Failure. A vehicle gives up, in one line, when it has made more than `patience` moves or given up so
-many pushes in its life, or at once if there is no way to its goal. In a run that does not end the
-strongest vehicle moves, or gives way, again and again; so somebody gives up. A vehicle that is
+Failure. A vehicle gives up, in one line, when it has made more than `patience` moves or given up
+that many pushes in its life, or at once if there is no way to its goal. In a run that does not end
+the strongest vehicle moves, or gives way, again and again; so somebody gives up. A vehicle that is
 started again has forgotten alone which ways it had found full.
 """
 
@@ -156,7 +157,7 @@ class _OnRoads:
 
 class _FreeVehicle(_OnRoads):
     def __init__(self, knowledge: InitialKnowledge) -> None:
-        """Take note of what it knows; its only goal is its own vertex."""
+        """Note what it knows; its only goal is its own vertex."""
         super().__init__(knowledge)
         self._given_up: dict[int, None] = {}
         """Full ways."""
@@ -321,7 +322,7 @@ class PushNote(NamedTuple):
 
 class _Vehicle(_OnRoads):
     def __init__(self, knowledge: InitialKnowledge) -> None:
-        """Take note of what it knows; its only goal is its own vertex."""
+        """Note what it knows; its only goal is its own vertex."""
         super().__init__(knowledge)
         self._round = 0
         self._at_goal = 0  # the last round there

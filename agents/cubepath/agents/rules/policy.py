@@ -1,12 +1,12 @@
-"""Policies as rules: a function of what PettingZoo gives an agent acts for a module.
+"""Policies as rules: a function of a PettingZoo observation acts for a module.
 
-A policy that takes many rows at once has the vectorised form too.
+A policy that takes many rows at a time has a vectorised form too.
 
-Networks that were learned, as rules: layer by layer in numpy, with or without chance.
-
-This file reads networks and writes none: `check_rule` counts them as a part of the rule, as it does
-its source. A file of one is ``.npz`` without pickles: ``format``, ``observation``, and of each
-layer ``weight_i``, of shape (inputs, outputs), ``bias_i`` and ``activation_i``.
+Trained networks are policies: they are evaluated layer by layer in numpy, deterministically or by
+sampling. This module reads network files and writes none: `check_rule` treats a network as part of
+the rule, as it does the rule's source. A network is an ``.npz`` file without pickles: ``format``,
+``observation``, and for each layer ``weight_i``, of shape (inputs, outputs), ``bias_i`` and
+``activation_i``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The rules by name, of the project and of other distributions.
+"""Rules by name: the built-in ones, those of other distributions, and those in your files.
 
-Rules from files of the user: ``FILE.py:NAME``, where NAME is a `RuleType`.
-
-What a caller asks for by name: a scene, and the rule that its modules follow.
+A rule in a file is ``FILE.py:NAME``, where NAME is a `RuleType`. A request by name pairs a scene
+with the rule that its modules follow.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ def _without_folder(name: str) -> tuple[str, str]:
 def rule_in_file(name: str) -> RuleType:
     """Return the rule FILE.py:NAME; InputError if there is none.
 
-    The file is run once in a process, as a module of its own, until `forget_rule_files`; it is not
+    The file is run once in a process, as a separate module, until `forget_rule_files`; it is not
     put on the search path. The `content` of the rule is that of the file, and its own.
     """
     file, _, wanted = name.rpartition(":")
@@ -238,7 +237,7 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
 
 
 _TRIED = 16
-"""For so many modules a rule is made to see whether it refuses a scene."""
+"""For this many modules a rule is made to see whether it refuses a scene."""
 
 
 def own_rule(scene: Scene) -> str:
@@ -267,7 +266,7 @@ def misfit(
 
     It is made for the modules, or some where there are many. An error of another kind is that of a
     run, and no refusal. A rule from elsewhere is made only if you want `foreign` ones to be: it may
-    end its process, which is to be one of its own.
+    end its process, so give it a separate one.
     """
     if not foreign and BUILT_IN.get(rule.name) is not rule:
         return None

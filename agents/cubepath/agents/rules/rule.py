@@ -1,6 +1,6 @@
-"""Rules: plain functions from a view to a choice, each made for one module at its birth.
+"""Rules: plain functions from a view to a choice, each made for one module when it starts.
 
-Third parties add rules under the entry point group ``cubepath.rules``: each entry names a
+Other distributions add rules under the entry point group ``cubepath.rules``: each entry names a
 `RuleType`.
 """
 
@@ -24,7 +24,7 @@ from cubepath.protocol.core.system import System
 
 @dataclass(frozen=True, slots=True)
 class InitialKnowledge:
-    """What a module knows from birth: the static map, its own number, place and goals.
+    """What a module knows from the start: the static map, its own number, place and goals.
 
     `modules` is the number of modules; where the others are is unknown. `stream` has the module's
     own random numbers, derived from the seed of the run and its number; it does not tell that seed.
@@ -94,7 +94,7 @@ Rule: TypeAlias = Callable[[View], "int | Choice"]
 class FreeRule:
     """How a rule holds without rounds: `why` it does, and what it is made by there.
 
-    Without a `make` of its own it is made as under the lockstep clock.
+    Without its own `make` it is made as under the lockstep clock.
 
     >>> from dataclasses import replace
     >>> rule = policy_rule("last", lambda observation, action_mask: action_mask.nonzero()[0][-1])
@@ -126,8 +126,8 @@ class RuleType:
     vectorised: Callable[[VectorKnowledge], VectorRule | None] | None = None
     """Makes the form that chooses for all modules of many environments, under the lockstep clock.
 
-    Its choices and notes are those of the rules that `make` makes, so whoever replaces one replaces
-    the other. None if it does not know a system or scene: then each module is asked by itself.
+    Its choices and notes are those of the rules that `make` makes, so replacing one replaces the
+    other. None if it does not know a system or scene: then each module is asked by itself.
     """
     content: str = field(default="", compare=False, repr=False)
     """What the rule follows from beside code, as a hash of it: learned weights, a table.

@@ -1,15 +1,13 @@
-"""The rule of a module that executes its part of a schedule: its own moves, each in its round.
+"""Rules that repeat given moves: those of a schedule, or those that a recording holds.
 
-From birth a module knows the moves of which it is the mover, by round, and no others. In the round
-of such a move it finds the move among its admissible ones and claims it; the moves of a cube
-commute, so every claim is granted. If the move is not admissible, the module stays and says why,
-from what it senses, so that no further round of the schedule begins.
+A module that executes a schedule knows from the start which moves it makes in which round, and no
+others. In the round of such a move, it finds the move among its admissible ones and claims it; the
+moves of a cube commute, so every claim is granted. If the move is not admissible, the module stays
+and gives the reason as far as it senses it, so that no further round of the schedule begins.
 
-The rule of a module that chooses again what it chose in a run on record.
-
-From birth a module knows what it chose itself, round by round, and nothing of what others chose. In
-each round it finds its move among its admissible ones and claims it; where it was not admissible,
-or the module stood elsewhere, it stays and says why.
+A module that repeats a recording knows its own choices, round by round, and no others. It claims
+the recorded move if that is admissible; otherwise, or if it stands somewhere else, it stays and
+gives the reason.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.path_files.durations import OwnMoves
 
 SCHEDULE = "schedule"
@@ -45,9 +43,7 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
 
 
 def _follow(moves: OwnMoves) -> Rule:
-    due = {
-        number: (placed.generator, site_from_json(placed.at)) for number, placed in moves.items()
-    }
+    due = {number: (placed.generator, placed.at) for number, placed in moves.items()}
     rounds = 0
 
     def choose(view: View) -> int | Choice:
@@ -60,7 +56,7 @@ def _follow(moves: OwnMoves) -> Rule:
 
 def move_due(view: View, placed: GeneratorPlacement) -> Choice:
     """Return the choice of a move by its name; of none, with the reason, if it cannot be made."""
-    return _found(view, placed.generator, site_from_json(placed.at))
+    return _found(view, placed.generator, placed.at)
 
 
 def _found(view: View, generator: str, at: Site) -> Choice:
@@ -115,12 +111,12 @@ class RecordedChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ar
 
     move: GeneratorPlacement | None = None
     note: list[int] | None = None
-    """What it said at the beginning of the next round; None if that is not on record."""
+    """Its note at the beginning of the next round; None if that is not recorded."""
     failed: str | None = None
 
 
 class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What some modules chose on record, and what they do when that is over."""
+    """What some modules chose in the recording, and what they do when that is over."""
 
     choices: dict[int, list[RecordedChoice]]
     """By module its choices in the rounds from 1 on; a module that is not here follows its rule."""
@@ -133,7 +129,7 @@ class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rules: dict[int, str] = {}
     """By module the rule that it follows then, if that is not the rule of the run."""
     heard: bool = False
-    """Whether what was noted last on record is heard in the first round of the rules."""
+    """Whether what was noted last in the recording is heard in the first round of the rules."""
 
     def of(self, modules: Sequence[int]) -> RecordedChoices:
         """Return what concerns some modules."""
@@ -145,7 +141,7 @@ class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def as_recorded(told: RecordedChoices) -> RuleType:
-    """Return the rule by which each module chooses what it chose on record."""
+    """Return the rule by which each module chooses what it chose in the recording."""
 
     def make(knowledge: InitialKnowledge) -> Rule:
         return _repeat(told.choices[knowledge.module])

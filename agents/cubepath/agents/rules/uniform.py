@@ -1,6 +1,6 @@
 """The random rule, for every system: any of the legal actions, including stay.
 
-Without rounds every move is still legal: its support is checked when it is committed.
+Without rounds every chosen move is safe too: its support is checked when it is committed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The actors of all modules of many environments at once, for rules that have a vectorised form.
+"""The actors of all modules of many environments together, for rules with a vectorised form.
 
-`VectorActors` does in arrays what an `Actor` does for one module: it asks the rule, checks what it
-chose, and hesitates. The same seeds give the same choices.
+`VectorActors` does in arrays what an `Actor` does for one module: it asks the rule, checks the
+choice, and hesitates. The same seeds give the same choices.
 """
 
 from __future__ import annotations
@@ -77,9 +77,9 @@ def vector_actors_for(
 class VectorActors:
     """Acts for all modules of E environments of one scene, with the choices of an `Actor` of each.
 
-    `vector_actors_for` makes it. `notes`, int32 of shape (E, n, note length), is what each module
-    said last, zeros before it has said anything. `failed` says of each environment in which a
-    module gave up in the last round which it was, the first of them, and why: ``module_3: no way``.
+    `vector_actors_for` makes it. `notes`, int32 of shape (E, n, note length), is the last note of
+    each module, zeros before the first. `failed` says of each environment in which a module gave up
+    in the last round which it was, the first of them, and why: ``module_3: no way``.
 
     >>> import numpy as np
     >>> from cubepath.agents.environments.vector_environment import CubepathVectorEnv

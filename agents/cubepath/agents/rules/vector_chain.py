@@ -1,8 +1,8 @@
-"""The rule `chain` for all modules of many environments at once.
+"""The rule `chain` for all modules of many environments together.
 
-`chain` has the rule, its words, and why it reaches the goal; `chain_task` has the same geometry for
-one module. What is asked of moves and of sensed cells depends on their slots alone, so it is
-tabled. Which task a module has shows in its first view, so that is kept.
+`chain` has the rule, its terms, and why it reaches the goal; `chain_task` has the same geometry for
+one module. The conditions on moves and on sensed cells depend only on their slots, so they are
+tabulated. A module's first view shows its task, so the task is kept.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _STEPS = 8
 
 
 class _Tables(NamedTuple):
-    """What the rule asks of slots, and what each module knows from birth.
+    """What the rule asks of slots, and what each module knows from the start.
 
     Few arrays, as each costs time in every call. Sets of directions are bit masks.
     """

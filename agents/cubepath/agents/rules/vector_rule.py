@@ -1,7 +1,7 @@
 """The vectorised form of a rule: one function that chooses for all modules of many environments.
 
-It says in arrays what `rule` says for one module. The environments have one scene and a seed each;
-E is their number, n that of the modules.
+It has in arrays what `rule` has for one module. The environments share a scene, and each has a
+seed; E is the number of environments, n that of modules.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cubepath.protocol.core.system import System
 
 @dataclass(frozen=True, slots=True)
 class VectorKnowledge:
-    """What the modules know from birth, by module: `InitialKnowledge` of all of them.
+    """What the modules know from the start, by module: `InitialKnowledge` of all of them.
 
     `streams` makes the modules' own streams, as they are before anything is drawn. What a rule does
     for one module must follow from that module's part.

@@ -17,7 +17,7 @@ made in every round, and the word is spelt after at most sum |h - H| rounds.
 Without rounds: whatever it was chosen on, a move is committed only if it is admissible, and it
 brings its segment nearer to H(i), so at most sum |h - H| are committed. While none is, nothing
 changes, so the segment of the argument comes to see what holds, and its next attempt is committed.
-The rule keeps nothing in mind, so a segment that is started again goes on as before.
+The rule keeps nothing in mind, so a segment that is started again continues as before.
 """
 
 from __future__ import annotations

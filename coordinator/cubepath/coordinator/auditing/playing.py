@@ -1,18 +1,17 @@
 """Playing the rules of a recording again: notes, choices, hesitation, and who gave up.
 
-Each module gets an `Actor` of its own, as in a run, with the random streams of the recorded seed.
-It is given the observation that verification derives, with the notes on record, so that a note that
-was changed is named once, and where it was said.
+Each module gets its own `Actor`, as in a run, with the random streams of the recorded seed. The
+actor receives the observation that verification derives, with the recorded notes, so that a changed
+note is reported once, where it was sent.
 
-Which module has to make which move of a schedule, derived from where modules stand.
+For a schedule, this module derives which module has to make which move from where the modules
+stand. A run assigns all moves before it begins; here each round is derived separately. The two
+agree as long as every earlier cube was carried out, and after a cube that was not, the schedule is
+over.
 
-A run assigns all moves before it begins; here each round is looked at by itself. Both are the same
-as long as every cube before was carried out, and after a cube that was not the schedule is over.
-
-Playing the rules of a run without rounds again, each module turn by turn.
-
-Each module gets an `Actor` of its own, and a new one whenever its process began anew, as in a run;
-it is given the observation that verification derives from the versions that the turn names.
+Without rounds, a module's rule is asked turn by turn, and a module gets a new `Actor` whenever its
+process restarted. The observation is the one that verification derives from the versions that the
+turn names.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from cubepath.coordinator.verification.parameters import (
     stages_in,
 )
 from cubepath.coordinator.verification.recording import verify
-from cubepath.coordinator.verification.transcript import Transcript, site_in
+from cubepath.coordinator.verification.transcript import Transcript
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.input_files import Source
@@ -59,9 +58,9 @@ class ScheduleParts:
     """The parts of the modules in a schedule."""
 
     def __init__(self, system: System, cubes: Cubes) -> None:
-        """Take the schedule on record; obstacles do not change whose move it is."""
+        """Take the recorded schedule; obstacles do not change whose move it is."""
         self._cubes = cubes
-        placed = ((move.generator, site_in(move.at)) for cube in cubes for move in cube)
+        placed = ((move.generator, move.at) for cube in cubes for move in cube)
         try:
             self._system = system.with_moves((name, at) for name, at in placed if at is not None)
         except _NO_MOVE:
@@ -88,7 +87,7 @@ class ScheduleParts:
         return own, nobodys
 
     def _move(self, placed: GeneratorPlacement, where: dict[Site, int]) -> Move | None:
-        at = site_in(placed.at)
+        at = placed.at
         if at is None:
             return None
         try:
@@ -261,7 +260,7 @@ class RuleAudit:
         self._tell(fail)
 
     def _take_over(self, moment: Moment) -> None:
-        """Follow the rule that goes on after the schedule, each module from where it stands."""
+        """Follow the rule that continues after the schedule, each module from where it stands."""
         name = self._parameters.get("repair")
         if name is None:
             self._parts = None
@@ -300,19 +299,19 @@ class RuleAudit:
             due = self._notes[module] if speaks and module in self._actors else None
             message = moment.said.said.get(("note", module))
             said = tuple(message.note) if isinstance(message, Note) else None
-            # What would go to no place is not said.
+            # A note that would reach no place is not sent.
             silent = said is None and not self._system.reach(self._system.place_of(site))
             if said != due and not silent and (module in self._actors or not speaks):
                 told, by_rule = (_listed(each) for each in (said, due))
                 fail(f"{_who(moment, module)}: its note is {told}, by its rule it is {by_rule}")
 
     def _compare(self, moment: Moment, module: int, choice: Choice, fail: _Fail) -> None:
-        """Compare a choice with the claim and the report on record."""
+        """Compare a choice with the claim and the report in the recording."""
         due = _chosen(self._system, moment.sites[module], choice)
         message = moment.said.said.get(("claim", module))
         said: _Named = None
         if isinstance(message, Claim):
-            said = message.generator, site_in(message.at)
+            said = message.generator, message.at
         silent = said is None and not self._system.reach(
             self._system.place_of(moment.sites[module])
         )
@@ -327,7 +326,7 @@ class RuleAudit:
             )
 
     def end(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
-        """Check that a rule that is said to have ended the run raises in the next round."""
+        """Check that a rule that is recorded as having ended the run raises in the next round."""
         self._tell(fail)
         summary = transcript.summary
         if summary is None or summary.ended != "failed":
@@ -522,13 +521,13 @@ def _is_bare(turn: Turn) -> bool:
 
 
 def _compared(turn: Turn, choice: Choice) -> list[tuple[str, object, object]]:
-    """Return what is on record beside what the rule chose."""
-    exchanges = {site_in(place): list(note) for place, note in turn.exchanges}
+    """Return what is recorded beside what the rule chose."""
+    exchanges = {place: list(note) for place, note in turn.exchanges}
     return [
         ("action", turn.action, choice.action),
         ("note", turn.note, None if choice.note is None else list(choice.note)),
-        ("guards", [site_in(each) for each in turn.guards], list(choice.guards)),
-        ("heeds", [site_in(each) for each in turn.heeds], list(choice.heeds)),
+        ("guards", list(turn.guards), list(choice.guards)),
+        ("heeds", list(turn.heeds), list(choice.heeds)),
         ("exchanges", exchanges, {at: list(note) for at, note in choice.exchanges.items()}),
         ("giving up", turn.failed, choice.failed),
     ]

@@ -1,6 +1,6 @@
 """The command line: ``cubepath`` and ``python -m cubepath``.
 
-A command reads its options, lets one package do the work, and reports the result. Modules are
+A command reads its options, calls one package to do the work, and reports the result. Modules are
 imported inside the command that needs them, so that each command starts fast; those of `theory` and
-`tools` come by `plugins`.
+`tools` come from `plugins`.
 """

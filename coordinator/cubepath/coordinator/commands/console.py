@@ -1,6 +1,6 @@
 """The output of commands: answers, tables, complaints, exit codes.
 
-Standard output and standard error may be full, closed, or a pipe that nobody reads any more.
+Standard output and standard error may be full, closed, or a pipe without a reader.
 """
 
 from __future__ import annotations
@@ -185,8 +185,8 @@ _TICK_SECONDS = 0.5
 def progress_bar(total: int | None, what: str, unit: str) -> Any:
     """Return a progress bar on standard error: on a terminal a bar, elsewhere `Lines`.
 
-    The time goes on while nothing is counted; without a `unit` it is all there is. The environment
-    variable ``CUBEPATH_PROGRESS=0`` turns both off.
+    The time continues while nothing is counted; without a `unit` it is all there is. The
+    environment variable ``CUBEPATH_PROGRESS=0`` turns both off.
     """
     stream = sys.stderr
     bar: Any

@@ -1,4 +1,4 @@
-"""Where the command ``cubepath`` begins: before anything is imported that takes time."""
+"""Where the command ``cubepath`` begins, before anything slow is imported."""
 
 import os
 import signal

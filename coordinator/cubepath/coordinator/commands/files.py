@@ -1,6 +1,6 @@
 """The files that a command names: the meaning of `-`, and that no output overwrites an input.
 
-Everything is checked before the work begins, which may take long.
+All checks happen before the work begins, since that may take long.
 """
 
 from __future__ import annotations

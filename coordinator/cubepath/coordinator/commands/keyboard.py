@@ -1,8 +1,8 @@
-"""A player under the keys of a terminal.
+"""A player controlled by the keys of a terminal.
 
-Keys are read without waiting for a new line; signals keep their keys. Whatever ends or stops the
-command, the terminal is left as it was found; if the terminal is gone, and the command was told to
-go on without (``nohup``), there are no more keys.
+Keys are read without waiting for a new line, and signals keep their keys. Whatever ends or stops
+the command, the terminal is left as it was found. If the terminal is gone and the command should
+continue without it (``nohup``), there are no more keys.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class Keys:
         os.kill(os.getpid(), number)
 
     def pressed(self, timeout_s: float) -> list[str]:
-        """Return the keys that were pressed, after waiting for one so long."""
+        """Return the keys that were pressed, after waiting for one this long."""
         if self._gone:
             time.sleep(timeout_s)
             return []
@@ -180,7 +180,7 @@ def play_by_keys(player: Player, start: str, step: str) -> None:
         except CubepathError:
             if not player.over:
                 raise
-            # It ended meanwhile; whoever waits for it hears how.
+            # It ended meanwhile; the waiting caller learns how.
         finally:
             _show("")
 

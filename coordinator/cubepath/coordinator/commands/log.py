@@ -107,7 +107,7 @@ def _recover(options: argparse.Namespace) -> int:
 
 
 def _doubt(told: RecordingAnswer, system: str) -> None:
-    """Say which checks fail with a scene that was told: maybe it is another one."""
+    """Say which checks fail with a scene that you supplied: maybe it is another one."""
     checks = told.document.get("checks", ())
     damage = ("readable", "complete")
     wrong = [each["name"] for each in checks if not each["ok"] and each["name"] not in damage]
@@ -116,7 +116,7 @@ def _doubt(told: RecordingAnswer, system: str) -> None:
 
 
 def _scene(options: argparse.Namespace) -> Scene | None:
-    """Return the scene that was told for a recording that has lost its own."""
+    """Return the scene that you supplied for a recording that has lost its scene."""
     if options.system is None:
         return None
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
@@ -125,7 +125,7 @@ def _scene(options: argparse.Namespace) -> Scene | None:
 
 
 def _alone(remains: Remains) -> RecordingAnswer:
-    """Return what is to be said of messages whose scene is lost."""
+    """Return what to report about messages whose scene is lost."""
     told = remains.parameters.get("system", "SYSTEM")
     why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
     hint = f"the same with --system {told} makes a recording of them"

@@ -1,6 +1,6 @@
 """The commands that begin a distribution: ``cubepath rule new`` and ``cubepath system new``.
 
-What it writes are the files in ``templates``, with the name filled in.
+They write the files in ``templates``, with the name filled in.
 """
 
 from __future__ import annotations

@@ -62,6 +62,9 @@ def duration_file(options: argparse.Namespace) -> Path | None:
     files = [each for each in options.durations if not _NAMED.search(each)]
     if len(files) > 1:
         raise InputError(f"--durations: found {len(files)} files, expected one")
+    if files and files[0] not in ("", "-") and not Path(files[0]).exists():
+        expected = "expected a file, or NAME=TIME as in edge=3/2"
+        raise InputError(f"--durations {files[0]}: no such file, {expected}")
     try:
         return input_path(files[0]) if files else None
     except argparse.ArgumentTypeError as error:

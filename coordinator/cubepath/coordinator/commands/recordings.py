@@ -1,4 +1,4 @@
-"""Recordings that a command verifies or shows, one or several: their answers and exit codes."""
+"""The recordings that a command verifies or shows: answers and exit codes for one or several."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
         type=_pace,
         metavar="R",
         help="rounds or levels a second; as 2x (or if log time is the wall clock) times as fast as"
-        " it was (default: as fast as it goes)",
+        " it was (default: as fast as possible)",
     )
     replay.add_argument(
         "--from", dest="begin", type=_spot, metavar="WHERE", help=f"begin there: {_SPOT}"
@@ -185,7 +185,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _play_live(options: argparse.Namespace) -> int:
-    """Let some modules be real ones, until one does something else than on record."""
+    """Let some modules be real ones, until one does something else than in the recording."""
     from cubepath.coordinator.runs.live import replay_live  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 

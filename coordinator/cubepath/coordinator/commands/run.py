@@ -1,4 +1,4 @@
-"""The command ``cubepath run``: a new run, or one that goes on from a recording."""
+"""The command ``cubepath run``: a new run, or one that continues from a recording."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from cubepath.protocol.core.options import option_fields
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 _CONTINUED = ("modules", "seed", "max_rounds", "processes", "patience", "log")
-"""The options of a run that goes on from a round, apart from its rules."""
+"""The options of a run that continues from a round, apart from its rules."""
 _PLAN = ("system", "speeds", *(name for name in option_fields(RunOptions) if name != "resume"))
 """The options that are fields of a plan, apart from its rule."""
 
@@ -65,7 +65,7 @@ def add_run(run: argparse.ArgumentParser) -> None:
         dest="parent",
         type=input_path,
         metavar="LOG",
-        help="go on from a recording: in rounds from --round on, with another --rule; without"
+        help="continue from a recording: in rounds from --round on, with another --rule; without"
         " rounds a run that was cut off or failed, where its keepers' logs end",
     )
     run.add_argument(
@@ -244,7 +244,7 @@ def _continue(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def watched_rounds() -> Generator[dict[str, Any]]:
-    """Show how a run goes on from a recording, and yield the arguments that let it be watched."""
+    """Show how a run continues from a recording, and yield the arguments that let it be watched."""
     with progress_bar(None, "run", " rounds") as bar:
 
         def say(line: str) -> None:

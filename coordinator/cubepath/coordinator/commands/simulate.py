@@ -1,4 +1,4 @@
-"""The command that simulates runs under faults: ``cubepath simulate``."""
+"""The command ``cubepath simulate``: runs under faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.simulation.swarm import KeptRun, SeedTally
 
 _SHOWN_MAX = 300
-"""Of a line on what failed so many characters are shown; the document and the log have it all."""
+"""Of a line on what failed this many characters are shown; the document and the log have it all."""
 
 
 def add_simulate(simulate: argparse.ArgumentParser) -> None:

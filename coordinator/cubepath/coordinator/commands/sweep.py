@@ -1,4 +1,4 @@
-"""The command that plays many runs and keeps what comes of them: ``cubepath sweep``."""
+"""The command ``cubepath sweep``: many runs, and a folder of their results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
 
 _TOLD_MAX = 5
-"""So many lines are told of a kind; the document has all."""
+"""The most lines that are printed of a kind; the document has all."""
 
 
 def add_sweep(sweep: argparse.ArgumentParser) -> None:
@@ -209,7 +209,7 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
             )
             ended, failures = Counter(row["ended"] for row in found.rows), found.failures
         except KeyboardInterrupt:
-            # There may be millions of rows, and whoever interrupts does not wait for them.
+            # There may be millions of rows, and an interrupt does not wait for them.
             interrupted = True
             ended += Counter({"before": known})
     seconds = time.monotonic() - began

@@ -1,7 +1,7 @@
 """Runs in this process, without messages: with rounds in compiled code, many seeds side by side.
 
-These are the runs of `cubepath.agents.play_many` and `play_free`, which the same seeds have under
-the simulator and over the wire.
+They are the runs of `cubepath.agents.play_many` and `play_free`. The same seeds give the same runs
+in the simulator and over the wire.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from cubepath.coordinator.experiments.wire_core import gathered_run
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.protocol.core.catalogue import Json
-from cubepath.protocol.core.sites import Site, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.messages import Executed
 
 _FEW = 200
@@ -42,7 +41,7 @@ _End: TypeAlias = tuple[tuple[Site, ...], bool, str | None]
 class _DoneInPython:
     """How many turns this process has played in plain Python: of all batches, as of one sweep.
 
-    It decides where runs are played, and so how long they take, but nothing of what comes of them.
+    It decides where runs are played, and so how long they take, but not their results.
     """
 
     def __init__(self) -> None:
@@ -118,7 +117,7 @@ def _all_played(  # noqa: PLR0917 - what runs side by side have in common, and w
 class _Kinds(NamedTuple):
     """What is the same for all moves of a kind, in the order of `MadeMoves.moves`."""
 
-    names: list[tuple[str, Json]]
+    names: list[tuple[str, Site]]
     """The generator and the place."""
     counter: PathCounter
     measures: NDArray[np.int64]
@@ -130,7 +129,7 @@ def _kinds(made: MadeMoves, facts: SceneFacts) -> _Kinds:
         for move in made.moves
     )
     return _Kinds(
-        [(move.generator, to_json(move.at)) for move in made.moves],
+        [(move.generator, move.at) for move in made.moves],
         PathCounter(move.action for move in made.moves),
         facts.measures((before - after, after - before) for before, after in motions),
     )

@@ -1,13 +1,11 @@
-"""Batches handed out to executors, whose processes may die.
+"""Batches of runs handed to executors, whose processes may die.
 
-All that is asked of an executor is what `concurrent.futures.Executor` promises. A process that dies
-takes nothing with it: each run that it may have died of is played once more, alone, and has a row
-with the reason if that ends in the same way.
+An executor needs to do only what `concurrent.futures.Executor` promises. When a process dies, no
+result is lost: each run that may have killed it is played once more, alone, and gets a row with the
+reason if it ends in the same way again.
 
-What is compiled once for an installation, compiled in two processes side by side.
-
-Left to themselves, all workers would wait for the same compilation, each for its own. What they
-compile is kept on disk, where the others find it.
+What is compiled once per installation is compiled first, in two processes side by side. Otherwise
+every worker would compile the same functions; instead they load what these two leave on disk.
 """
 
 from __future__ import annotations
@@ -79,7 +77,7 @@ def _compile_rule(rule: str, system: str) -> None:
 
 
 _AHEAD = 2
-"""So many batches for each worker are handed out at a time."""
+"""This many batches for each worker are handed out at a time."""
 _LOOK_S = 0.5
 
 

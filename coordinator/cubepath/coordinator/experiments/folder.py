@@ -1,8 +1,8 @@
-"""The folder of a sweep: Parquet files that are written as runs are finished, each whole.
+"""The folder of a sweep: Parquet files, each written whole as runs finish.
 
-The folder has a dataset of runs and one of rounds, in parts; a part of rounds counts only if there
-is one of runs of the same name, which is written after it. So the folder may be cut off at any
-moment, and what is on disk is right. Parts are written under another name first.
+The folder has a dataset of runs and one of rounds, in parts. A part of rounds counts only if there
+is a part of runs with the same name, which is written after it. So the sweep may be cut off at any
+moment, and what is on disk is correct. Parts are written under another name first.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ MARK = "sweep.json"
 _FORMAT = "cubepath-sweep-1"
 _LOCK = ".lock"
 _RUNS_MAX, _SECONDS_MAX = 256, 2.0
-"""After so many runs, or this time, a part is written."""
+"""After this many runs, or this time, a part is written."""
 
 
 def arrow() -> Any:
@@ -154,7 +154,7 @@ class SweepFolder:
     def begin(
         self, batches: Iterable[RunBatch], timeout_s: float | None = None
     ) -> dict[str, str | None]:
-        """Take note that these are played now; return the recordings of finished runs by their ids.
+        """Note that these are played now; return the recordings of finished runs by their ids.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
         One that died or was prevented is none of them: it may have been the machine. Nor is one

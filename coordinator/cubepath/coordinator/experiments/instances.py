@@ -1,8 +1,9 @@
-"""What holds for all runs in a scene, as experiments use it; `theory` works it out.
+"""The standard instances, and what holds for all runs in a scene, as far as experiments use it.
 
-They stand in the folder `standard` beside this file: `standard.toml` lists them, with the value of
-each; there are scenes as TOML where no spec names them, and for each instance a cubes file, the
-schedule that attains the best known value. tests/standards.py computes all of it.
+The folder `standard` beside this file holds them. `standard.toml` lists the instances with their
+values; a scene is a TOML file where no spec names it; each instance has a cubes file with the
+schedule that attains the best known value. tests/standards.py computes all of it. `theory` works
+out what holds for other scenes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The options of a sweep that have one value, each declared once: for Python, TOML, and commands."""
+"""The options of a sweep with one value, each declared once: for Python, TOML and commands."""
 
 from __future__ import annotations
 

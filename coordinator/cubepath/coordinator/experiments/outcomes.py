@@ -1,4 +1,4 @@
-"""From the path of a run to the rows that are kept of it, whichever way it was played."""
+"""From the path of a run to the rows kept of it, however the run was played."""
 
 from __future__ import annotations
 

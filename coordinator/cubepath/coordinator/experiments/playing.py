@@ -1,12 +1,9 @@
-"""The time that a run may take, in a worker.
+"""Playing one run in a worker: its time limit, its result, and what is known of its scene.
 
-Time is that of the machine, and decides about nothing but whether there is a result: a run that is
-over its limit is a row with that reason.
-
-Nothing is raised but interrupts: what goes wrong in a run is a row of its own. A process that plays
-may live for long, and files change: what is played is what was asked for.
-
-What is found out of a scene after its runs were played: added to their rows.
+The limit is in time of this machine, and decides only whether there is a result: a run over its
+limit becomes a row with that reason. Only interrupts are raised; any other failure of a run becomes
+a row too. A worker may live for long while files change, so it checks that it plays what was asked
+for. The facts about a scene are added to the rows after its runs were played.
 """
 
 from __future__ import annotations
@@ -42,9 +39,9 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 GRACE_S = 5.0
-"""A run that does not let itself be interrupted for so long takes its process with it."""
+"""A run that ignores interrupts for this long is killed with its process."""
 _AGAIN_S = 1.0
-"""A run that goes on is interrupted again after so long: a rule may catch whatever is raised."""
+"""A run that continues is interrupted again after so long: a rule may catch whatever is raised."""
 
 
 class OverTimeError(BaseException):
@@ -54,13 +51,13 @@ class OverTimeError(BaseException):
 class TimeLimit:
     """Seconds of this machine, in the main thread of a worker; None for no limit.
 
-    Whoever is over it meets `OverTimeError`; a run in processes of its own is told to end, as by an
-    interrupt. Code that never comes back to Python, as in a compiled loop, meets nothing: there
-    the process ends, and whoever handed out the run finds that.
+    A run that exceeds it meets `OverTimeError`; a run in separate processes is told to end, as by
+    an interrupt. Code that never comes back to Python, as in a compiled loop, meets nothing: there
+    the process ends, and the executor that handed out the run notices.
     """
 
     def __init__(self, seconds: float | None, *, processes: bool) -> None:
-        """Take the limit, and whether what is limited is in processes of its own."""
+        """Take the limit, and whether what is limited is in separate processes."""
         self.seconds = seconds
         self.over = False
         self._processes = processes
@@ -79,7 +76,7 @@ class TimeLimit:
         signal.setitimer(signal.ITIMER_REAL, self.seconds, _AGAIN_S)
 
     def end(self) -> None:
-        """Count no more; whoever is late is let through."""
+        """Count no more; a run that is late is let through."""
         if self._on:
             self._on = False
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -176,7 +173,7 @@ def _told(error: BaseException) -> str:
 
 
 def _of_the_machine(error: BaseException | None) -> bool:
-    """Return whether an error came of a file or of memory, and not of what a rule did."""
+    """Return whether an error is due to a file or to memory, and not to the rule."""
     while error is not None:
         if isinstance(error, OSError | MemoryError):
             return True

@@ -1,7 +1,7 @@
 """The plots of a report: growth with the size, and the way to the goal round by round.
 
-Rules differ in colour, marker and line, so that no plot needs its colours. The same data gives the
-same bytes.
+Rules differ in colour, marker and line, so no plot needs its colours. The same data gives the same
+bytes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _WIDE, _HIGH = 3.1, 2.7
 """Of a panel, in inches: so that letters can still be read where a page is narrow."""
 _DOTS = 144
 _TITLE = 32
-"""So many letters are as wide as a panel; a longer title goes on in the next line."""
+"""This many letters are as wide as a panel; a longer title continues in the next line."""
 _LONG = 16
 """Labels of a legend with more letters stand two in a line."""
 _DECADE = 10

@@ -1,10 +1,7 @@
 """Reports on sweeps: tables, plots and a page, from the rows of a folder.
 
-The same rows give the same files, byte for byte.
-
-The page of a report: one HTML file with its tables and plots in it, on light and on dark.
-
-Nothing is loaded from anywhere.
+The same rows give the same files, byte for byte. The page is one HTML file with its tables and
+plots inside, for light and dark; it loads nothing.
 """
 
 from __future__ import annotations

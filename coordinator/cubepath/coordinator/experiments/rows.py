@@ -1,6 +1,6 @@
-"""What is kept of runs and of their rounds: the columns, and their canonical order.
+"""The columns kept of runs and of their rounds, and their canonical order.
 
-A row is a dict with all keys; None is what is not known.
+A row is a dict with all keys; None means unknown.
 """
 
 from __future__ import annotations

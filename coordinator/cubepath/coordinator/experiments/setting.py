@@ -1,9 +1,8 @@
-"""A run's id is a hash of its configuration, of what its files contain and of the code, so that a run
-that is known need not be run again, and any other one is.
+"""One run of a sweep as data: its id, its rule's sources, its slow modules.
 
-What a rule from elsewhere follows from: its files, and what it has learned.
-
-Which modules are slow in a run: the same ones under every rule, clock and core.
+A run's id is a hash of its configuration, of the contents of its files and of the code, so a run
+with a known id is not repeated. For a rule from elsewhere, the hash covers its files and what it
+learned. The slow modules are the same ones under every rule, clock and core.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def _files_of(part: object) -> Iterator[Path]:
             break
     name = getattr(part, "__module__", None) or ""
     file = getattr(sys.modules.get(name), "__file__", None)
-    # Modules of files of rules are told apart by their files, which `content` has.
+    # Modules of rule files are distinguished by their files, which `content` has.
     if file and not name.startswith(RULE_MODULE):
         yield Path(file)
 
@@ -151,7 +150,7 @@ class FaultRates:
 
 @dataclass(frozen=True, slots=True)
 class RunSetting:
-    """All that decides what comes of a run but its seed.
+    """Everything that decides the result of a run, except its seed.
 
     `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
     hashes of what the scene holds and, of a rule from elsewhere, of what it follows from.

@@ -1,7 +1,7 @@
-"""A sweep as data: which systems, rules, clocks, hesitations, faults and seeds, all with all.
+"""A sweep as data: every combination of systems, rules, clocks, hesitations, faults and seeds.
 
-What is written in a file or on the command line is expanded in one order: by system, rule, clock,
-hesitation, faults and, fastest, seed.
+A file and the command line are expanded in the same order: by system, rule, clock, hesitation,
+faults and, fastest, seed.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ class Sweep(SweepOptions):
 
     `systems` may have ranges and lists in their keys, as in ``hex:n=4..40``; no `rules` means for
     each system the rule of its family. Without a `core` runs are played in compiled code, and under
-    the simulator if something happens to messages. `max_rounds` ends a run: so many rounds; without
-    rounds so many turns of each module in one process, and so many levels of moves over the wire.
-    `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
-    of cubes between start and goal, by a search that keeps so many states at most, and `improve`
-    for the best path that a search of so many steps finds, in any class. A run that takes longer
-    than `timeout_s` seconds of the machine is ended; None lets it take what it takes.
+    the simulator if something happens to messages. `max_rounds` ends a run: this many rounds;
+    without rounds this many turns of each module in one process, and this many levels of moves over
+    the wire. `processes` and `keepers` are those of a run with messages. `optimum` asks for the
+    least number of cubes between start and goal, by a search that keeps this many states at most,
+    and `improve` for the best path that a search of this many steps finds, in any class. A run that
+    takes longer than `timeout_s` seconds of the machine is ended; None lets it take what it takes.
 
     >>> from cubepath.coordinator import sweep
     >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))

@@ -1,4 +1,4 @@
-"""Intervals and tests for results of experiments: exact where that can be, else by resampling.
+"""Intervals and tests for results of experiments: exact where possible, else by resampling.
 
 Resampling is seeded, so the same numbers give the same answer.
 """
@@ -22,9 +22,9 @@ SIZES_MIN = 4
 _SEED = 20_260_000
 _STEPS = 80
 _BLOCK = 1 << 20
-"""So many numbers are drawn at a time, or those of one resample."""
+"""This many numbers are drawn at a time, or those of one resample."""
 _TERMS, _EXACT = 100_000, 1e-15
-"""How far a continued fraction is worked out: so many terms, or until they change so little."""
+"""How far a continued fraction is worked out: this many terms, or until they change so little."""
 
 
 class Interval(NamedTuple):
@@ -131,7 +131,7 @@ def _root(rising: Callable[[float], float], low: float = 0.0, high: float = 1.0)
 
 
 def sign_test(fewer: int, more: int) -> float:
-    """Return the exact two-sided p of so many negative and positive differences.
+    """Return the exact two-sided p of this many negative and positive differences.
 
     >>> sign_test(0, 5), sign_test(3, 3)
     (0.0625, 1.0)

@@ -1,4 +1,4 @@
-"""Sweeps: all runs that are not finished yet are played, and their rows kept as they come."""
+"""Playing a sweep: all runs that are not finished yet, with their rows kept as they arrive."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 
 Watch = Callable[[Sequence[FinishedRun]], object]
-"""Is told of the runs that were just finished."""
+"""Called with the runs that were just finished."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +191,7 @@ def play_sweep(
     apart: bool = False,
     begin: Callable[[int], object] = lambda _: None,
 ) -> SweepResults:
-    """Play what is not finished yet; `begin` is told how many runs were finished before.
+    """Play what is not finished yet; `begin` gets the number of runs that were finished before.
 
     Runs with a limit of time, and with `apart` all of them, are played in other processes.
     """

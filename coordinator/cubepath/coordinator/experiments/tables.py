@@ -1,12 +1,11 @@
-"""The tables of a report: runs by setting, rules in pairs on equal seeds, growth with the size.
+"""The tables of a report: runs by setting, rules in pairs on equal seeds, growth, price.
 
 A table is its columns and rows of values, for pages, terminals and machines.
 
-What it costs that modules decide for themselves: timing, class and rule, factor by factor.
-
-The rounds of a run are at least the cubes of its normal cube path, these at least the fewest cubes
-that its rule ever took there, and these at least the best that is known. So rounds over the best
-known is a product of three factors, each 1 or more.
+The price is the cost of letting modules decide for themselves, as a product of three factors:
+timing, class and rule. The rounds of a run are at least the cubes of its normal cube path; these
+are at least the fewest cubes that its rule ever took there; these are at least the best known. So
+rounds over the best known is a product of three ratios, each 1 or more.
 """
 
 from __future__ import annotations
@@ -143,7 +142,7 @@ def rounds_or_limit(row: Row) -> int | None:
 
 
 def runs_table(rows: Sequence[Row]) -> ReportTable:
-    """Return what came of the runs of each setting."""
+    """Return the results of the runs of each setting."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
     best = best_by_system(rows)

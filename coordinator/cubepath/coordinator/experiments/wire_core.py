@@ -1,7 +1,7 @@
-"""Runs with messages, as they were gathered: their paths, lost claims and messages.
+"""Runs with messages, as gathered: their paths, lost claims and messages.
 
-Faults come at the rates of the setting, drawn from the seed; without them the path is that of the
-same run in compiled code, which the simulator checks.
+Faults occur at the rates of the setting, drawn from the seed. Without faults, the path is that of
+the same run in compiled code, which the simulator checks.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Report, decode
 
 _RESULTS = ("edges", "cube", "certificate", "summary")
-"""Messages on record that were not said by anybody, but found by the coordinator."""
+"""Recorded messages that no process sent, but the coordinator derived."""
 
 
 def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | None) -> PlayedRun:
@@ -159,7 +159,7 @@ def _ended(outcome: Outcome) -> tuple[str, str | None]:
 
 
 _BACK_US = SECOND_US
-"""Without rounds, another process takes the place of one that died after so long."""
+"""Without rounds, the time after which another process takes the place of a dead one."""
 _DOUBLED_US = 1000
 """How much later a message comes for the second time."""
 _LONG_US = 120 * SECOND_US
@@ -168,11 +168,11 @@ _EXPECTED = ("ended", "ran away")
 """What the simulator finds fault with, and is no error of code where faults have no bounds: that
 they ended a run, or kept it from its end."""
 _ENDLESS = "liveness"
-"""It also finds fault with a run without rounds that goes on for very long without an end."""
+"""It also finds fault with a run without rounds that continues for very long without an end."""
 
 
 class _AtRates:
-    """Faults at fixed rates, drawn from the seed; places with rates of their own come first."""
+    """Faults at fixed rates, drawn from the seed; places with their own rates come first."""
 
     liars: frozenset[str] = frozenset()
 

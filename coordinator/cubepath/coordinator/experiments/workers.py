@@ -49,7 +49,7 @@ def _end() -> None:
 
 
 def play_or_end(batch: RunBatch, recordings: Path | None) -> list[FinishedRun]:
-    """Play a batch in a process of a pool, which ends if a run of it is told to."""
+    """Play a batch in a process of a pool, which ends if one of its runs is told to."""
     try:
         return play_batch(batch, recordings)
     except KeyboardInterrupt:  # which the pool would take for an answer, and go on
@@ -63,7 +63,7 @@ class Pool:
     play = staticmethod(play_or_end)
 
     def __init__(self, count: int, instead: str = "jobs=1") -> None:
-        """Have so many; `instead` says how one does without, if none can be started."""
+        """Have this many; `instead` says how one does without, if none can be started."""
         self.count = count
         self._instead = instead
         self._executor: ProcessPoolExecutor | None = None
@@ -122,7 +122,7 @@ def _begin() -> None:
     """Leave interrupts to the process that hands out the work, and end when that has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    # A run in processes of its own handles this itself, to end them; see `play_or_end`.
+    # A run in separate processes handles this itself, to end them; see `play_or_end`.
     signal.signal(signal.SIGTERM, lambda *_: _end())
     parent = multiprocessing.parent_process()
     if parent is not None:

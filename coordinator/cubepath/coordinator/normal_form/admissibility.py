@@ -1,7 +1,7 @@
 """Whether the moves of a path are admissible one after another, compiled, on numbered actions.
 
-It decides the same as `cubepath.protocol.core.actions.end_at` does on sets. The state may be known
-in part, as in `cubepath.protocol.path_files.moves.read_moves`.
+It decides as `cubepath.protocol.core.actions.end_at` does on sets. The state may be known only in
+part, as in `cubepath.protocol.path_files.moves.read_moves`.
 """
 
 from __future__ import annotations

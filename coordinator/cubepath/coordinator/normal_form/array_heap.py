@@ -1,7 +1,8 @@
 """The normal cube path of a path whose actions are numbers: all at once, or move by move.
 
-The heap of pieces of `cubepath.coordinator.normal_form.kernel` behind an interface that grows:
-sites, actions and moves may be added at any time. Sources: as there.
+It puts an interface that grows around the heap of pieces of
+`cubepath.coordinator.normal_form.kernel`: you can add sites, actions and moves at any time.
+Sources: as there.
 """
 
 from __future__ import annotations

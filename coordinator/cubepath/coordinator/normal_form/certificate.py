@@ -53,7 +53,7 @@ def certificate_of(
     """
     numbered = path if isinstance(path, NumberedPath) else number_actions(path)
     numbers, supports = numbered.numbers, numbered.supports
-    parts = _Parts(normal_form_of(numbers, supports) if found is None else found)
+    parts = _Parts(normal_form_of(numbered) if found is None else found)
     cancelled: Any
     cubes: Any
     if as_text:

@@ -23,8 +23,8 @@ from cubepath.coordinator.normal_form.array_heap import (
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Ordinals, Site, in_order
-from cubepath.protocol.path_files.numbered import number_actions
-from cubepath.protocol.path_files.supports import TRACE, Supports
+from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath, number_actions
+from cubepath.protocol.path_files.supports import TRACE
 
 _QUEUE = 4096
 
@@ -109,26 +109,24 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
     >>> cancellations([step, far, step]).levels.tolist()
     [0, 1, 0]
     """
-    path = number_actions(actions)
-    return normal_form_of(path.numbers, path.supports)
+    return normal_form_of(number_actions(actions))
 
 
-def normal_form_of(numbers: Numbers, supports: Supports) -> NormalForm:
-    """Return what becomes of each move of a path, given as the rows of distinct actions."""
-    written, read = supports.part(TRACE, TRACE), supports.part(TRACE, 0)
-    return normal_form(numbers, ActionTable(*written, *read))
+def normal_form_of(path: NumberedPath) -> NormalForm:
+    """Return what becomes of each move of a path; see `NormalForm`."""
+    written, read = path.supports.part(TRACE, TRACE), path.supports.part(TRACE, 0)
+    return normal_form(path.numbers, ActionTable(*written, *read))
 
 
-def cubes_of(
-    found: NormalForm, numbers: Numbers, supports: Supports
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where each cube begins, and the remaining moves, cube by cube; see `in_cubes`."""
+def cubes_of(found: NormalForm, path: NumberedPath) -> NumberedCubes:
+    """Return the remaining moves of a path, cube by cube; see `in_cubes`."""
+    numbers, supports = path.numbers, path.supports
     left = np.flatnonzero(found.levels)
     pieces = NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
     begins, sites = supports.part(TRACE, TRACE)
     least = np.minimum.reduceat(supports.order[sites], begins[:-1]) if len(sites) else _NO_RANKS
     ordered, starts = _in_cubes(pieces, least)
-    return starts, ordered.moves.astype(np.int64)
+    return NumberedCubes(starts, ordered.moves.astype(np.int64))
 
 
 def in_cubes(

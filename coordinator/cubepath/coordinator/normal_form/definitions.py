@@ -1,6 +1,6 @@
 """Cube paths by their definitions, written to be read and to check the results of other code.
 
-Source: Abrams and Ghrist, definitions of cube path and normal cube path. Nothing here is shared
+Source: Abrams and Ghrist, definitions of cube path and normal cube path. This module shares nothing
 with `cubepath.coordinator.normal_form.heap`: `cubepath verify` compares the two, so each must be
 able to prove the other wrong.
 """

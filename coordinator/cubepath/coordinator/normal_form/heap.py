@@ -1,12 +1,12 @@
 """The heap of pieces: the normal cube path of an edge path, updated as moves are appended.
 
-An edge path up to homotopy is a word in the trace monoid of its actions (letters that commute
-may be swapped) in which every letter is its own inverse: an element of a right-angled Coxeter
-group. Its normal cube path is the Foata normal form of the reduced word. Sources: Abrams and
-Ghrist, definition of normal cube path; Cartier and Foata; Viennot, heaps of pieces; Crisp, Godelle
-and Wiest for linear time with cancellation.
+An edge path up to homotopy is a word in the trace monoid of its actions (letters that commute may
+be swapped) in which every letter is its own inverse: an element of a right-angled Coxeter group.
+Its normal cube path is the Foata normal form of the reduced word. Sources: Abrams and Ghrist,
+definition of normal cube path; Cartier and Foata; Viennot, heaps of pieces; Crisp, Godelle and
+Wiest for linear time with cancellation.
 
-, neither states nor files. The proof is in the docstring of `Heap`.
+The heap needs the actions alone, neither states nor files. The proof is in the docstring of `Heap`.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ class Arrays(NamedTuple):
 
     `columns` has shape (sites, 8) and `actions` (actions, 8), with the fields above. `sizes` holds
     the number of pieces of each level, from 0; `tally` holds for each number above 0 how many
-    levels have so many pieces.
+    levels have this many pieces.
     """
 
     columns: Numbers

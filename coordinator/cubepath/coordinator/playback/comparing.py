@@ -1,6 +1,6 @@
-"""A replay compared with the record: what was gathered anew is what the coordinator once wrote.
+"""A replay compared with its recording: the new results against the ones the coordinator wrote.
 
-How much of its run a recording holds, and so what a replay can be compared with.
+How much of its run a recording holds decides what a replay can be compared with.
 """
 
 from __future__ import annotations
@@ -77,11 +77,11 @@ class ReplayResult:
     not_compared: tuple[str, ...] = ()
     """What of the recording was not compared, and why; empty if all was."""
     rounds_compared: int = 0
-    """How many rounds, or levels, were compared with the moves on record."""
+    """How many rounds, or levels, were compared with the recorded moves."""
     left_out: dict[str, int] | None = None
     """By kind, how many messages of the recording were not played."""
     has_end: bool = True
-    """Whether the end of the run is on record."""
+    """Whether the end of the run is recorded."""
     problems: tuple[str, ...] = ()
     """What is damaged of the file, a line each."""
     lacking: str | None = None
@@ -150,7 +150,7 @@ def _spans(numbers: set[int], last: int) -> str:
 
 
 class SegmentResult(NamedTuple):
-    """What came of comparing some rounds, or levels, with the edges on record."""
+    """The result of comparing some rounds, or levels, with the recorded edges."""
 
     rounds: set[int]
     """Those that were compared, whether they agree or not."""
@@ -158,7 +158,7 @@ class SegmentResult(NamedTuple):
 
 
 class Comparison:
-    """What was gathered of a whole recording from its start on, beside what is on record.
+    """What was gathered of a whole recording from its start on, beside what is recorded.
 
     Of a recording that lacks messages only what is there is compared.
     """
@@ -170,7 +170,7 @@ class Comparison:
         self._extent = extent
         self._step = "level" if recording.clock == "free" else "round"
         self.differences: list[str] = []
-        """A line for each difference between the gathered run and the one on record."""
+        """A line for each difference between the gathered run and the one in the recording."""
         self.not_compared: list[str] = []
         """What of the results there is nothing to compare with."""
         self.rounds: set[int] = set()
@@ -239,7 +239,7 @@ class Comparison:
 
     def _other_cubes(self, recorded: dict[int, Cube], *, all_of_them: bool) -> Iterator[str]:
         found = self._gatherer.heap.cube_path()
-        # Of a run that was cut off the first cubes may be on record, or none.
+        # Of a run that was cut off the first cubes may be recorded, or none.
         most = len(found) if all_of_them else max(recorded, default=0)
         for index in sorted({*recorded, *range(1, most + 1)}):
             cube = recorded.get(index)
@@ -304,7 +304,7 @@ def _edges_compared(
     lacking: bool,
     whole: bool = False,
 ) -> SegmentResult:
-    """Compare moves with the edges on record.
+    """Compare moves with the recorded edges.
 
     Those that are not there are a difference if all have to be (`whole`), or if later ones are,
     since a run that was killed may have had no time to write the last.

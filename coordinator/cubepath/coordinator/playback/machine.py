@@ -1,7 +1,7 @@
-"""The player as a pure machine: time and orders come in as data, what is to be done comes out.
+"""The player as a pure machine: time and orders come in as data, effects come out as data.
 
-It reads the recording, knows no clock and puts nothing: its driver says what time it is, and
-does what it says. So a test plays an hour in no time. Orders, and what they answer, are structs,
+It reads the recording, knows no clock and publishes nothing: its driver tells it the time and
+carries out its effects. So a test plays an hour in no time. Orders and their answers are structs,
 which are JSON on the wire: docs/replay.md specifies the keys.
 """
 
@@ -24,9 +24,9 @@ from cubepath.coordinator.playback.timeline import (
     read_pace,
     read_spot,
 )
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import ROOT
 
@@ -41,7 +41,7 @@ class Play(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Pause(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Put nothing more until told to."""
+    """Publish nothing more until ordered to."""
 
 
 class Toggle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -147,8 +147,8 @@ class Position(msgspec.Struct, frozen=True, tag_field="kind", tag="position"):
     round: int
     time_s: float
     after: int
-    sites: list[Json]
-    modules: list[Json]
+    sites: list[Site]
+    modules: list[Site]
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -178,7 +178,7 @@ def read_order(name: str, given: Mapping[str, str]) -> Order:
         near = did_you_mean(name, ORDERS)
         raise InputError(f"unknown order {name!r}{near}, expected one of {', '.join(ORDERS)}")
     try:
-        found: Order = msgspec.convert(dict(given), kind, strict=False)
+        found: Order = msgspec.convert(dict(given), kind, strict=False, dec_hook=site_hook)
     except msgspec.ValidationError as error:
         fields = ", ".join(kind.__struct_fields__) or "no parameters"
         raise InputError(f"{name}: {error}; expected {fields}") from None
@@ -209,7 +209,7 @@ def checked(order: Order) -> Order:
 
 
 class PendingOrder:
-    """An order that waits to be carried out, and who is told what came of it."""
+    """An order that waits to be carried out, and who receives its result."""
 
     def __init__(
         self,
@@ -221,7 +221,7 @@ class PendingOrder:
     ) -> None:
         """`order` returns the order, or raises InputError if it is none.
 
-        It is answered by whoever plays, when it was carried out or (`at_end`) when all is played.
+        The player answers it when it was carried out or (`at_end`) when all is played.
         """
         self.at_end = at_end
         self.order = order
@@ -230,7 +230,7 @@ class PendingOrder:
 
 
 _BEFORE_MAX = 10.0
-"""What is slower than as fast as possible, where nothing else was said: rounds a second."""
+"""What is slower than as fast as possible, by default: rounds a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +257,7 @@ class WaitForOrder:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackEnd:
-    """All is played; it goes on if an order says so."""
+    """All is played; it continues if an order says so."""
 
 
 Deed: TypeAlias = PutMessage | PositionJump | WaitForOrder | PlaybackEnd

@@ -1,8 +1,8 @@
-"""A player that is paused, stepped and moved from Python while others listen; and a whole replay.
+"""A player that you pause, step and move from Python while others listen; and a whole replay.
 
-The messages of module processes go through a router from one session to another, under their
-original keys but a new run id, and a fresh coordinator gathers them. Without rounds what keepers
-say is put back too. Anything else that is connected to the router receives them as well.
+The messages of module processes travel through a router from one session to another, under their
+original keys but a new run id, and a fresh coordinator gathers them. Without rounds, the messages
+of keepers are put back too. Anything else that is connected to the router receives them as well.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ _Answers: TypeAlias = SimpleQueue[PlayerStatus | ReplayResult | str]
 class Player:
     """A recording put back on zenoh under control, as a context manager.
 
-    It begins paused, before the first message. What it is told is done when a call returns: the
-    messages of a step have been put. `play` returns at once, and `wait` when all is played; it can
-    be moved and played again after that. Orders over zenoh and those from Python take their turns.
+    It begins paused, before the first message. An order has been carried out when its call returns:
+    the messages of a step have been put. `play` returns at once, and `wait` when all is played; it
+    can be moved and played again after that. Orders over zenoh and those from Python take their
+    turns.
 
     >>> with Player("logs/golden/hex-5.mcap", topics=["reports"]) as player:
     ...     player.step("round").round
@@ -171,7 +172,7 @@ class Player:
         raise CheckError(_OVER)
 
     def wait(self, timeout_s: float | None = None) -> ReplayResult:
-        """Wait until all is played, or it was stopped; return what has come of it until then.
+        """Wait until all is played, or it was stopped; return the result up to then.
 
         CheckError if it is not within the time. Who waits for a player that is paused waits until
         somebody plays on.

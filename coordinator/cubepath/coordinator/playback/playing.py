@@ -1,7 +1,7 @@
-"""The shell around the machine: sessions, a router, the clock, and orders as they come in.
+"""The shell around the machine: sessions, a router, the clock, and incoming orders.
 
-Whatever happens comes through one queue, so nothing is done in a callback of zenoh, and orders from
-a keyboard, from Python and from zenoh are taken in their order of arrival.
+Everything arrives through one queue, so zenoh's callbacks do no work, and orders from a keyboard,
+from Python and from zenoh are carried out in their order of arrival.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from cubepath.coordinator.playback.timeline import (
 from cubepath.coordinator.runs.asking import RunInfo, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.options import real_number, seconds
-from cubepath.protocol.core.sites import in_order, to_json
+from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -97,8 +97,8 @@ class PlayOptions(TypedDict, total=False):
     - ``max_gap_s``: the most seconds between two messages; longer gaps are cut. None cuts none.
     - ``wait_for_subscribers``, ``wait_s``: wait until another session subscribes to a part of the
       run, and how many seconds at most (60).
-    - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
-      keepers said; "bundle" means "bundle/*".
+    - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default the messages of
+      modules and keepers; "bundle" means "bundle/*".
     - ``remap``: pairs "FROM=TO" of topics or keys, or of how they begin.
     - ``run``: the run id in the keys, by default a new one.
     - ``endpoint``: where the router listens, for example "tcp/127.0.0.1:7447"; None means a unix
@@ -294,8 +294,8 @@ class ReplaySession:
             round=status.round,
             time_s=status.time_s,
             after=state.step,
-            sites=[to_json(site) for site in in_order(state.on)],
-            modules=[to_json(site) for site in state.sites],
+            sites=list(in_order(state.on)),
+            modules=list(state.sites),
         )
         put(self._mouth, position_key(self.run), msgspec.json.encode(position))
         if self._is_start(machine.mark):
@@ -395,10 +395,10 @@ class ReplaySession:
         for each in self._asked:
             each.refuse(why)
 
-    # What came of it.
+    # Results.
 
     def status(self) -> PlayerStatus:
-        """Return where it stands; to be called by whoever plays it."""
+        """Return where it stands; to be called by the player."""
         machine, reel = self._machine, self.reel
         ended = machine.ended
         following = reel.next(machine.mark)
@@ -423,7 +423,7 @@ class ReplaySession:
         )
 
     def result(self) -> ReplayResult:
-        """Return what came of it, compared with the record as far as that can be."""
+        """Return the result, compared with the recording where possible."""
         total = self.recording.counts().kinds
         left_out = {
             kind: count.messages - self._played[kind]

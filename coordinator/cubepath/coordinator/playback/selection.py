@@ -1,9 +1,9 @@
-"""Which messages of a recording are played, and what is gathered of them, a segment at a time.
+"""Which messages of a recording are played, and what is gathered of them, segment by segment.
 
-A segment begins at the start, or where the replay jumped to. A recording that begins on the way, or
-has a hole, is gathered from the first whole round: its reports say where modules stood. Without
-rounds a state is what all commits so far have made of the start; snapshots on the way spare reading
-them again.
+A segment begins at the start, or where the replay jumped to. A recording that begins in the middle
+of its run, or has a hole, is gathered from its first whole round, whose reports say where the
+modules stood. Without rounds, a state is the start with all commits so far applied; snapshots in
+between save reading them again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record, kinds_of
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free, free_key
@@ -65,8 +65,8 @@ class PlayedMessages:
         """Take messages of `kinds`, or what matches one of `topics`, but nothing of `exclude`.
 
         Patterns are those of file names, over topics such as "reports/process_0"; one without a
-        slash means all topics of a kind. InputError if nothing on record matches one of them, or if
-        nothing is left to play.
+        slash means all topics of a kind. InputError if nothing in the recording matches one of
+        them, or if nothing is left to play.
         """
         said = said_under(recording.clock)
         stray = sorted(set(kinds or ()) - set(said))
@@ -105,7 +105,7 @@ def _named(name: str, given: Collection[str]) -> list[str]:
 
 
 def _pattern(name: str, text: str, there: Collection[str]) -> str:
-    """Return a pattern of topics; InputError if nothing on record matches.
+    """Return a pattern of topics; InputError if nothing in the recording matches.
 
     Parts of batches are no topics.
     """
@@ -135,8 +135,8 @@ class KeyMapping:
         """Put under ``cubepath/RUN``; each of `remap` is "FROM=TO".
 
         FROM is a topic, a key within the run, or how one begins, in whole parts; TO stands in its
-        place, and is a key of its own outside the run if it begins with a slash. InputError if
-        that is malformed, or the run is no part of a key.
+        place, and is a separate key outside the run if it begins with a slash. InputError if that
+        is malformed, or the run is no part of a key.
         """
         check_run(run)
         self.run = run
@@ -147,7 +147,7 @@ class KeyMapping:
         self.remap = tuple(_pair(each) for each in remap)
 
     def check_reach(self, *, private: bool) -> None:
-        """Check that whoever plays may put on all keys; InputError if not.
+        """Check that the player may publish on all keys; InputError if not.
 
         A private router lets nobody put on keys that are not those of a run.
         """
@@ -284,7 +284,7 @@ class RecordedStates:
         return self._of_reports(max(whole), found) if whole else self._before_the_first(mark, found)
 
     def _before_the_first(self, mark: Cursor, found: dict[int, dict[int, Report]]) -> StateAt:
-        """Return the state before the first whole round, which is the first if all is on record."""
+        """Return the state before the first whole round, which is the first if all is recorded."""
         modules = len(self._scene.start)
         told = {number: dict(each) for number, each in found.items()}
         each = self._reel.next(mark, _REPORTS)
@@ -294,7 +294,7 @@ class RecordedStates:
                 known = told.setdefault(report.round, {})
                 known[report.module] = report
                 if len(known) == modules and report.round > 1:
-                    sites = tuple(site_from_json(known[n].before) for n in range(modules))
+                    sites = tuple(known[n].before for n in range(modules))
                     begun = tuple(one for _, one in sorted(found.get(report.round, {}).items()))
                     return self._state(report.round - 1, sites, begun)
                 if len(known) == modules:
@@ -312,7 +312,7 @@ class RecordedStates:
 
     def _of_reports(self, number: int, found: dict[int, dict[int, Report]]) -> StateAt:
         if number:
-            sites = tuple(site_from_json(each.site) for _, each in sorted(found[number].items()))
+            sites = tuple(each.site for _, each in sorted(found[number].items()))
         else:
             sites = self._scene.start
         following = found.get(number + 1, {})
@@ -340,7 +340,7 @@ class RecordedStates:
                 level = max(level, moved.level)
                 for module, _, to, version in moved.motion:
                     if module in modules and version > modules[module][1]:
-                        modules[module] = site_from_json(to), version
+                        modules[module] = to, version
             each = self._reel.next(Cursor(where.chunk, where.place + 1), _COMMITS)
         return self._state(level, tuple(modules[number][0] for number in sorted(modules)), ())
 
@@ -371,7 +371,7 @@ class SegmentComparison:
         self._recording = recording
         self._extent = extent
         self.rounds: set[int] = set()
-        """The rounds, or levels, whose moves were compared with those on record."""
+        """The rounds, or levels, whose moves were compared with those in the recording."""
         self._differences: dict[str, None] = {}
         self._begin()
 
@@ -426,7 +426,7 @@ class SegmentComparison:
             return
         waiting = [each for each in gatherer.waiting() if each.round >= first]
         begun = sorted((each.module, each.before) for each in waiting if each.round == first)
-        start = tuple(site_from_json(site) for _, site in begun)
+        start = tuple(site for _, site in begun)
         self.end()
         self.resumed = True
         base, self._base = self._base, self._base + first - 1

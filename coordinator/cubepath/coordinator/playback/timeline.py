@@ -1,10 +1,10 @@
-"""The messages of a recording by their place: the one at a mark, the next, the first of a round.
+"""The messages of a recording by position: the one at a mark, the next, the first of a round.
 
-Places and speeds as users write them: "12", "3.5s"; "10", "2x", "max".
+It also reads positions and speeds as users write them: "12", "3.5s"; "10", "2x", "max".
 
-It reads files a chunk at a time, and keeps the last few chunks. Places are found without reading
-what lies before them: a round by the log times of chunks, a time by halving, as the clock of a run
-goes forward.
+Files are read one chunk at a time, and the last few chunks are kept. A position is found without
+reading what lies before it: a round by the log times of chunks, a time by bisection, since the
+clock of a run only goes forward.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class PlaybackRate:
         return "max" if self.rate is None else f"{self.rate:g}{'x' if self.by == 'clock' else ''}"
 
     def times(self, factor: float) -> PlaybackRate:
-        """Return a pace so many times as fast; nothing is faster than as fast as possible."""
+        """Return a pace this many times as fast; nothing is faster than as fast as possible."""
         if self.rate is None:
             return self
         return PlaybackRate(max(self.rate * factor, RATE_MIN), self.by)
@@ -116,7 +116,7 @@ _KEPT = 3
 
 
 class Cursor(NamedTuple):
-    """A place between two messages: before a message of a chunk; the end has a chunk of its own."""
+    """A place between two messages: before a message of a chunk; the end has its own chunk."""
 
     chunk: int
     place: int

@@ -1,16 +1,13 @@
-"""Asking a run how it stands, over zenoh: whoever may join may ask.
+"""Asking a run for its status, description or moves over zenoh: every guest may ask.
 
-A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is the status after
-the last complete round, so it is answered at once whatever the run is doing. On
-``cubepath/RUN/about`` it says what it is. A run without rounds also answers on
-``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order in which
-they could have been made.
+A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON: the status after the last
+complete round, so it answers immediately whatever the run is doing. A run without rounds also
+answers on ``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order
+in which they could have been made.
 
-What a run says of itself to whoever comes to listen: its parameters, scene and schedule.
-
-A run answers queries on ``cubepath/RUN/about`` with `RunInfo` as JSON, before its processes join
-and whatever it is doing, as long as its router is there; and a liveliness token on the same key
-tells whether it still goes on. Whoever may listen may ask.
+On ``cubepath/RUN/about`` it answers with `RunInfo` as JSON: its parameters, scene and schedule. It
+does so before its processes join and as long as its router runs; a liveliness token on the same key
+shows whether the run is still under way.
 """
 
 from __future__ import annotations
@@ -24,10 +21,9 @@ import msgspec
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.options import seconds
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.sessions import open_client
@@ -51,7 +47,7 @@ class RunInfo(msgspec.Struct, frozen=True):
     round: int = 0
     """The last complete round, or the greatest level, when it was asked."""
     is_replay: bool = False
-    """Whether it is a recording that is played, back and forth, and not a run that goes on."""
+    """Whether it is a recording that is played, back and forth, and not a run that continues."""
 
 
 def about_key(run: str) -> str:
@@ -60,7 +56,7 @@ def about_key(run: str) -> str:
 
 
 def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, object]:
-    """Answer whoever asks what a run is, until the session closes, or what is returned is dropped.
+    """Answer queries about a run, until the session closes, or what is returned is dropped.
 
     `tell` is called in a thread of zenoh.
     """
@@ -76,8 +72,8 @@ def offer(session: zenoh.Session, tell: Callable[[], RunInfo]) -> tuple[object, 
 def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> RunInfo:
     """Return what the run of this name says of itself, or the one that there is at the endpoint.
 
-    It is waited for, so many seconds. CheckError if none answers in time; InputError if several do
-    and none was named, or if it is of another version.
+    It is waited for, this many seconds. CheckError if none answers in time; InputError if several
+    do and none was named, or if it is of another version.
     """
     deadline = time.monotonic() + patience_s
     while True:
@@ -127,7 +123,7 @@ class Status(msgspec.Struct, frozen=True):
     """How many cubes the normal cube path has so far."""
     goal_reached: bool
     ended: str | None
-    """How the run has ended, None if it goes on."""
+    """How the run has ended, None if it continues."""
 
 
 class Released(msgspec.Struct, frozen=True, array_like=True):
@@ -135,19 +131,19 @@ class Released(msgspec.Struct, frozen=True, array_like=True):
 
     level: int
     generator: str
-    at: Json
+    at: Site
 
 
-Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Json]]]
-"""Returns the moves from a place on, so many at most; called in any thread."""
+Release: TypeAlias = Callable[[int, int], Sequence[tuple[int, str, Site]]]
+"""Returns the moves from a place on, this many at most; called in any thread."""
 MOVES_MAX = 10_000
-"""So many moves are answered at one time at most."""
+"""At most this many moves are answered at one time."""
 
 
 class _Answer(msgspec.Struct, frozen=True):
     run: str
     round: int
-    sites: list[Json]
+    sites: list[Site]
     moves: int
     cubes: int
     goal_reached: bool
@@ -204,7 +200,7 @@ class Answers:
     def _answer(self, query: zenoh.Query) -> None:
         # In a thread of zenoh; the status is never changed, only replaced.
         now = self._status
-        sites = [to_json(site) for site in now.sites]
+        sites = list(now.sites)
         answer = _Answer(self._run, now.round, sites, now.moves, now.cubes, now.goal_reached)
         query.reply(state_key(self._run), msgspec.json.encode(answer))
 
@@ -255,16 +251,14 @@ def ask(
         names = ", ".join(sorted(each.run for each in found))
         raise CheckError(f"{len(found)} runs answer at {endpoint}: expected one of {names}")
     (one,) = found
-    sites = tuple(map(site_from_json, one.sites))
+    sites = tuple(one.sites)
     return Status(one.round, sites, one.moves, one.cubes, one.goal_reached, None)
 
 
 def _read(sample: zenoh.Sample) -> _Answer | None:
     """Return the answer of a run; None for what others may say at a router that is open to all."""
     try:
-        found = msgspec.json.decode(sample.payload.to_bytes(), type=_Answer)
-        for site in found.sites:
-            site_from_json(site)
+        found = msgspec.json.decode(sample.payload.to_bytes(), type=_Answer, dec_hook=site_hook)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, CubepathError):
         return None
     return found if str(sample.key_expr) == state_key(found.run) else None
@@ -278,7 +272,9 @@ def ask_path(session: zenoh.Session, run: str, begin: int, timeout_s: float) -> 
     for each in session.get(f"{path_key(run)}?from={begin}", timeout=timeout_s):
         if each.ok is not None and str(each.ok.key_expr) == path_key(run):
             try:
-                return msgspec.json.decode(each.ok.payload.to_bytes(), type=list[Released])
+                return msgspec.json.decode(
+                    each.ok.payload.to_bytes(), type=list[Released], dec_hook=site_hook
+                )
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 return []
     return []

@@ -1,10 +1,8 @@
-"""A node that collects what is said in a run without rounds, and asks for what it lacks.
+"""A node that collects the messages of a run without rounds, and asks for those it lacks.
 
-It decides nothing, and nobody waits for it: it may come late, or go and come back, as keepers have
-logged everything that was committed. Other messages are said again as long as their senders have
-them.
-
-Which messages of a free run have arrived, by their senders' numbers, and which are lost.
+It decides nothing, and nothing waits for it. It may start late, or leave and come back, since
+keepers have logged everything that was committed. Other messages are sent again as long as their
+senders have them. By the senders' numbers it knows which messages have arrived, and which are lost.
 """
 
 from __future__ import annotations
@@ -39,12 +37,12 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageErro
 from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
 
 ASKS_MAX = 12
-"""So often it is asked for the same messages; then they are given up."""
+"""How often it is asked for the same messages; then they are given up."""
 
 
 @dataclass(slots=True)
 class _Incarnation:
-    """What has come of a sender since it was born."""
+    """What has arrived from one incarnation of a sender."""
 
     incarnation: int
     upto: int = 0
@@ -84,7 +82,7 @@ class SequenceTracker:
         self._incarnations: dict[str, _Incarnation] = {}
 
     def take(self, message: FreeMessage) -> None:
-        """Take note of a message."""
+        """Note a message."""
         said = getattr(message, "sequence", 0)
         incarnation = getattr(message, "incarnation", 0)
         if not said:
@@ -119,7 +117,7 @@ class SequenceTracker:
 LOOK_S = 0.25
 """How often it looks for what it lacks."""
 TAIL_LOOKS = 8
-"""After so many looks without anything new it asks keepers whether there is more."""
+"""After this many looks without anything new it asks keepers whether there is more."""
 
 
 class Collector(Node):
@@ -128,7 +126,7 @@ class Collector(Node):
     def __init__(
         self, run: str, gatherer: FreeGatherer, keepers: int, modules_of: Sequence[Sequence[int]]
     ) -> None:
-        """Gather a run of so many keepers; each process speaks for its own modules."""
+        """Gather a run of this many keepers; each process speaks for its own modules."""
         self.gatherer = gatherer
         self.level = 0
         """The greatest level heard of."""
@@ -155,7 +153,7 @@ class Collector(Node):
         return [Listen((everything(self._run),)), *self.fetch(), Timer(LOOK_S)]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message, which goes on record even if it is a `contradiction`."""
+        """Take a message, which goes in the recording even if it is a `contradiction`."""
         try:
             message = _read(self._run, key, data)
             self._check_speaker(message)
@@ -245,7 +243,7 @@ class Collector(Node):
         return self._give_order("over")
 
     def resume(self) -> list[Effect]:
-        """Tell all modules to go on."""
+        """Tell all modules to continue."""
         return self._give_order("sense")
 
     def _give_order(self, phase: Literal["over", "sense"]) -> list[Effect]:
@@ -299,5 +297,5 @@ def _read(run: str, key: str, data: bytes) -> _Said:
 
 
 def refusals_in(kept: Keep[FreeMessage]) -> int:
-    """Return how many refused messages a message on record tells of."""
+    """Return how many refused messages a recorded message reports."""
     return kept.message.count if isinstance(kept.message, Refused) else 0

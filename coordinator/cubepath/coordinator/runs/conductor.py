@@ -1,7 +1,7 @@
-"""What a coordinator does with what it hears: it gathers, ends the run, and says what came of it.
+"""What a coordinator does with its messages: it gathers, ends the run, and states the outcome.
 
-Pure, like the nodes: it is given messages and gives messages for the record. A run over zenoh and
-one under the simulator have the same conductor.
+It is pure, like the nodes: messages come in, and messages for the recording come out. A run over
+zenoh and a simulated one use the same conductor.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Conductor:
     ) -> None:
         """Begin at the start of the scene; `record` is given the coordinator's own results.
 
-        With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
-        where it stops. With `recorded_rounds` they follow rules after so many rounds.
+        With an `assignment` the modules carry out a schedule; with `repair` they continue with a
+        rule where it stops. With `recorded_rounds` they follow rules after this many rounds.
         """
         self.gatherer = Gatherer(scene, self._step)
         self.refused = 0
@@ -111,10 +111,10 @@ class Conductor:
         return None
 
     def between(self, round_number: int, end_schedule: Callable[[], object]) -> RunEnd | None:
-        """Return how the run has ended after a round (0: before the first), None if it goes on.
+        """Return how the run has ended after a round (0: before the first), None if it continues.
 
         `end_schedule` is called if modules are to follow their rule from now on, after a schedule
-        or what was on record.
+        or what was recorded.
         """
         if self.gatherer.rounds != round_number:
             why = f"round {round_number} ended, but not all modules have reported it"
@@ -147,7 +147,7 @@ class Conductor:
         return RunEnd("failed", error if stopped is None else f"{told(stopped)}; then {error}")
 
     def results(self, ending: RunEnd) -> Iterator[Cube | Certified | Summary]:
-        """Yield what came of the run: its cubes, their certificate and the summary."""
+        """Yield the results of the run: its cubes, their certificate and the summary."""
         return results_of(
             self.gatherer,
             ending,
@@ -165,7 +165,7 @@ def results_of(
     schedule_cubes: int | None = None,
     schedule_stopped: Stopped | None = None,
 ) -> Iterator[Cube | Certified | Summary]:
-    """Yield what came of a run: its cubes, their certificate and the summary.
+    """Yield the results of a run: its cubes, their certificate and the summary.
 
     All is found before the first is yielded, so that none waits for another that takes long.
     """

@@ -40,7 +40,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "keepers": int,
 }
 _GATHERED_FROM = ("reports", "commit", "commits")
-"""The kinds of messages that tell of moves where there are no edges."""
+"""The kinds of messages that carry moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
     "max-rounds": "the rounds were over",
@@ -60,7 +60,7 @@ _OF_A_PART = {
 
 
 def info(recording: Recording | Source) -> dict[str, Any]:
-    """Return the contents of a recording, or of its file, as JSON; what is not on record is None.
+    """Return the contents of a recording, or of its file, as JSON; what is not recorded is None.
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
     coordinator's edges, or without those from what modules or keepers reported. Of a file that is

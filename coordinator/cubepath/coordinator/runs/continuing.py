@@ -1,8 +1,8 @@
-"""What if other rules took over: a run that goes on from any round of a recording.
+"""What if other rules took over: a run that continues from any round of a recording.
 
-Until then each module chooses what it chose on record, so the run passes through the same states;
-from then on it follows a rule, from where it stands and with no memory. It is a run like any other,
-in processes, and its recording names the one that it comes from.
+Until that round each module repeats its recorded choices, so the run passes through the same
+states. From then on it follows a rule, from where it stands and with no memory. It is a run like
+any other, in processes, and its recording names the one it started from.
 """
 
 from __future__ import annotations
@@ -51,31 +51,25 @@ def what_if(
     >>> found.rounds, found.recording().parameters["parent"]
     (9, 'agv-6.mcap')
 
-    Args:
-        recording: the parent, of a run with rounds by a rule; it may have been cut off, and may be
-            the outcome of another what-if.
-        rule: a name or ``FILE.py:NAME``.
-        from_round: the first round in which modules follow the rule, from 1 (nothing is taken from
-            the parent but its start) to one more than it has whole rounds.
-        modules: who follows it; by default all. The others follow the rule that is on record for
-            them, which begins anew there as well.
-        seed: of ranks and of what rules draw from there on; by default the one on record.
-        max_rounds: how many rounds the run has at most, those on record among them; by default as
-            many as the parent, or 1000 after them if it takes over where that had to end.
-        processes: as for `run`, like all that follows.
-        log: the recording to write; by default a new file in the folder ``logs``.
-        patience: seconds.
-        rules: the rules in files that the others may follow, each ``FILE.py:NAME``: a recording can
-            name any file, so none runs that is not given here or as `rule`.
-        watch: called after each round.
-        say: told in a line what goes on.
+    Args: recording: the parent, of a run with rounds by a rule; it may have been cut off, and may
+        be the outcome of another what-if. rule: a name or ``FILE.py:NAME``. from_round: the first
+        round in which modules follow the rule, from 1 (nothing is taken from the parent but its
+        start) to one more than it has whole rounds. modules: who follows it; by default all. The
+        others follow the rule that is recorded for them, which begins anew there as well. seed: of
+        ranks and of what rules draw from there on; by default the one in the recording. max_rounds:
+        how many rounds the run has at most, those in the recording among them; by default as many
+        as the parent, or 1000 after them if it takes over where that had to end. processes: as for
+        `run`, like all that follows. log: the recording to write; by default a new file in the
+        folder ``logs``. patience: seconds. rules: the rules in files that the others may follow,
+        each ``FILE.py:NAME``: a recording can name any file, so none runs that is not given here or
+        as `rule`. watch: called after each round. say: told in a line what continues.
 
     The rules begin with empty memory: what they draw are the first draws of the module's stream
-    from the seed. In their first round they hear what was noted in the one before, if that is on
-    record, and if their notes are as long.
+    from the seed. In their first round they hear what was noted in the one before, if that is
+    recorded, and if their notes are as long.
 
     The outcome is that of the whole run from the start. InputError if the recording or the rule
-    does not allow that; CheckError if reports on record are not what comes of the claims.
+    does not allow that; CheckError if recorded reports do not follow from the claims.
     """
     record = on_record(recording_of(recording))
     most = record.rounds + (record.gathered.failed is None or not record.rounds)
@@ -211,7 +205,7 @@ def parent_parameters(record: RecordedDecisions) -> dict[str, str]:
 
 
 def _compare(record: RecordedDecisions, gatherer: Gathered, last: int) -> None:
-    """Check that a round which was repeated has the moves that are on record."""
+    """Check that a round which was repeated has the moves that are recorded."""
     number = gatherer.rounds
     if number <= last:
         made, told = (each.steps[number - 1].executed for each in (gatherer, record.gathered))

@@ -1,7 +1,7 @@
-"""A picture of a whole run: some of its states, and its schedule; or of a scene without a run.
+"""A picture of a whole run, with some of its states and its schedule; or of a scene without a run.
 
-Modules are followed through the moves from where they start, so only the scene and the moves are
-needed. matplotlib is imported when something is drawn.
+Modules are followed through the moves from the start, so only the scene and the moves are needed.
+matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _READABLE, _SPECK = 10.5, 5.0
 _ZOOM = 1.4
 """So much larger modules must become for each state to have a frame around its modules alone."""
 _STATES_MAX = 60
-"""More states than this are not shown: nobody looks at so many."""
+"""More states than this are not shown: nobody looks at this many."""
 _LINE, _LETTER = 0.165, 0.068
 """In inches: the height of a line of the caption below, and the average width of a letter."""
 
@@ -295,7 +295,7 @@ def _check_letters(sheet: Sheet) -> None:
 
 
 def _wrapped(words: str, width: int) -> list[str]:
-    """Return words in lines of at most so many letters, and a new line where they have one."""
+    """Return words in lines of at most this many letters, and a new line where they have one."""
     return [line for each in words.splitlines() for line in textwrap.wrap(each, width) or [""]]
 
 

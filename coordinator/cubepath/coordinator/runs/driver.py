@@ -1,7 +1,7 @@
 """The loop of a run and its ending, the same for both clocks.
 
 However a run ends, its results are published first, then its processes are ended, and then the
-results are put on record. What breaks into that is raised when it has been done.
+results are recorded. An interrupt during the ending is raised after that.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ class RunContext:
 
 
 class Driver(ABC, Generic[Fleet]):
-    """A run of either clock: it is begun, goes on step by step, and ends once."""
+    """A run of either clock: it is begun, continues step by step, and ends once."""
 
     def __init__(self, context: RunContext) -> None:
         """Open the recording, and start nothing."""
         plan, task = self.plan, self.task = context.plan, context.task
         self.ending: RunEnd | None = None
-        """How the run has ended, from then on; its results may not be on record yet."""
+        """How the run has ended, from then on; its results may not be recorded yet."""
         self.outcome: Outcome | None = None
         self.endpoint = ""
         """Where the router of the run listens, or did."""
@@ -113,11 +113,11 @@ class Driver(ABC, Generic[Fleet]):
 
     @abstractmethod
     def _next(self) -> RunEnd | None:
-        """Go on by a round, or by a message; return how the run has ended, None if it goes on."""
+        """Go on by a round, or by a message; return how the run has ended, None if it continues."""
 
     @abstractmethod
     def _find_results(self, ending: RunEnd) -> Sequence[Any]:
-        """Return the messages by which the coordinator says what came of the run."""
+        """Return the messages with which the coordinator publishes the results of the run."""
 
     @abstractmethod
     def _publish(self, message: Any) -> None:
@@ -125,7 +125,7 @@ class Driver(ABC, Generic[Fleet]):
 
     @abstractmethod
     def _record(self, message: Any) -> None:
-        """Put a message of the coordinator on record, and pass it to whoever listens."""
+        """Record a message of the coordinator, and pass it to the listeners."""
 
     @abstractmethod
     def _failed(self, error: str) -> RunEnd:
@@ -139,7 +139,7 @@ class Driver(ABC, Generic[Fleet]):
         """Do what comes before the processes are ended."""
 
     def _tidy(self, ending: RunEnd) -> None:
-        """Take away what is no longer needed when the results are on record."""
+        """Take away what is no longer needed when the results are recorded."""
 
     @abstractmethod
     def _figures(self) -> dict[str, Any]:
@@ -198,7 +198,7 @@ class Driver(ABC, Generic[Fleet]):
     # The ending.
 
     def _finish(self, ending: RunEnd) -> None:
-        """End the run, or go on with its end where that was broken off."""
+        """End the run, or continue with its end where that was broken off."""
         if self._closed:
             return
         with self._lock.act():
@@ -243,10 +243,10 @@ class Driver(ABC, Generic[Fleet]):
                 self._resources.close()
 
     def _conclude(self, ending: RunEnd) -> None:
-        """Put the results on record, those that are not there yet, and close it."""
+        """Put the results in the recording, those that are not there yet, and close it."""
         writer = self.writer
         try:
-            # What was refused while the processes ended is on record, and has to be counted.
+            # What was refused while the processes ended is recorded, and has to be counted.
             if self._results is None or self._refused != self._refused_then:
                 writer.flush()
                 self._results, self._refused_then = self._find_results(ending), self._refused
@@ -261,7 +261,7 @@ class Driver(ABC, Generic[Fleet]):
         self.outcome = self.outcome_so_far()
 
     def _close(self) -> None:
-        """Leave nothing behind, whatever happened; what was flushed is on record."""
+        """Leave nothing behind, whatever happened; what was flushed is recorded."""
         if not self._closed:
             self._closed = True
             try:
@@ -309,7 +309,7 @@ class Driver(ABC, Generic[Fleet]):
         )
 
     def _answer_from(self) -> None:
-        """Answer whoever asks, from now on: the router is there, and nobody has joined."""
+        """Answer queries from now on: the router is there, and nobody has joined."""
         fleet = self.fleet
         self.endpoint, self.run = fleet.endpoint, fleet.run
         about = RunInfo(

@@ -1,7 +1,7 @@
 """The edge path of a run as it was gathered, and its normal cube path.
 
-A run with rounds and one without are gathered differently, and read alike: what one has in rounds
-the other has in levels.
+Runs with and without rounds are gathered differently and read alike: levels take the place of
+rounds.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class Gathered(ABC):
 
     @property
     def live(self) -> FastHeap:
-        """Return a heap of the same moves that costs little to ask for while the run goes on."""
+        """Return a heap of the same moves that costs little to ask for while the run continues."""
         return self.heap
 
     @property
@@ -215,7 +215,7 @@ class Gathered(ABC):
 
     @property
     def path(self) -> Sequence[Action]:
-        """Return the edge path as one sequence of actions, which takes no memory of its own."""
+        """Return the edge path as one sequence of actions, which takes no extra memory."""
         actions, names = self._edges.actions, self._edges.names
         return _View(len(names), lambda place: actions[names[place]])
 

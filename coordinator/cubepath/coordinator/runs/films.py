@@ -1,10 +1,8 @@
 """Films of a run or of its schedule, with one frame for each step.
 
 matplotlib is imported when something is drawn. All frames share one table of colours, so that a
-module has the same colour in each.
-
-A film may also show a run beside its schedule: the states of both on one time axis, above their
-moves.
+module has the same colour in each. A film may also show a run beside its schedule: the states of
+both on one time axis, above their moves.
 """
 
 from __future__ import annotations
@@ -326,7 +324,7 @@ class _Sides:
         self._lanes = self._chart.height - float(ends[0, 1]), self._chart.height - float(ends[1, 1])
 
     def shot(self, number: int) -> Image.Image:
-        """Return the picture of both after so many steps, or at their ends."""
+        """Return the picture of both after this many steps, or at their ends."""
         sides = zip(
             self._sides,
             self._captions,

@@ -1,7 +1,7 @@
-"""A run without rounds: keepers and modules in processes, what they did gathered and on record.
+"""A run without rounds: keepers and modules in processes, gathered and recorded.
 
-It starts the fleet and listens; nothing in the run waits for it. It ends when the modules are at
-their goal, at a level, or when nothing has come of anyone for long.
+It starts the fleet and listens; nothing in the run waits for it. The run ends when the modules are
+at their goal, at a given level, or when no module has made progress for a given time.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from cubepath.protocol.wire.nodes import Keep, Put
 from cubepath.protocol.wire.shell import Shell
 
 BEHIND_MAX, BEHIND_MIN = 8000, 500
-"""Modules halt while so many messages wait to be put on record, until so few do."""
+"""Modules halt while this many messages wait to be put in the recording, until so few do."""
 _STEP_S = 0.05
 _LOOK_S = 0.2
 _SETTLE_S_MAX = 5.0
 """How long the end of a run waits for what is under way, since anything new was heard of."""
 _SETTLE_S_IN_ALL = 120.0
 _INTERRUPT_S_MAX = 2.0
-"""And so long if the user asked for it."""
+"""And this long if the user asked for it."""
 
 
 class FreeDriver(Driver[FreeFleet]):
@@ -61,7 +61,7 @@ class FreeDriver(Driver[FreeFleet]):
         super().__init__(context)
         self._gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
         self._held_back = 0.0
-        """For how many seconds modules were halted, as more was said than could be recorded."""
+        """For how many seconds modules were halted, since more was sent than could be recorded."""
         self._crashes: list[CrashReport] = []
         self._check: Callable[[], None] = lambda: None
         self._shell: Shell | None = None
@@ -225,7 +225,7 @@ class FreeDriver(Driver[FreeFleet]):
         }
 
     def _take_up(self) -> None:
-        """Take up what is on record already."""
+        """Take up what is recorded already."""
         for record in self._before.records if self._before is not None else ():
             if not is_said(record.kind):
                 continue
@@ -239,7 +239,7 @@ class FreeDriver(Driver[FreeFleet]):
         self.writer.flush()  # to start the fleet may take seconds, and to end it
 
     def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet) -> None:
-        """Wait until all keepers have answered: from then on everything is on record."""
+        """Wait until all keepers have answered: from then on everything is recorded."""
         collector = self._collector
         asked = time.monotonic()
         until = asked + self.plan.patience
@@ -287,9 +287,9 @@ class FreeDriver(Driver[FreeFleet]):
         return None
 
     def _keep_up(self, shell: Shell) -> None:
-        """Halt the modules for as long as more is said than can be put on record.
+        """Halt the modules while more is sent than can be recorded.
 
-        Otherwise what is said would be lost here, and the run would end with a record full of gaps.
+        Otherwise messages would be lost here, and the recording would be full of gaps.
         """
         now, collector = time.monotonic(), self._collector
         waiting = shell.waiting
@@ -306,7 +306,7 @@ class FreeDriver(Driver[FreeFleet]):
             shell.carry_out(collector.repeat_order())
 
     def _goes_on(self) -> None:
-        """Take note of how long nothing was committed after a process had died."""
+        """Note how long nothing was committed after a process had died."""
         after = self._heard - self._began
         for crash in self._crashes:
             if crash.idle_seconds is None:

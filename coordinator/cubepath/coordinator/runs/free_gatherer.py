@@ -1,11 +1,11 @@
 """Gathering a run without rounds: from commits of keepers, in any order, to its edge path.
 
-A commit says which version of each unit it read and overwrote, and how often what it overwrote had
-been read. So it is released when the units are as it found them: no clock and no order of arrival
-decides, and what was released at any time could have been all that happened. The path is ordered by
-levels, in a level by generator and place: moves of one level commute.
+A commit names the version of each unit that it read and overwrote, and how often what it overwrote
+had been read. It is released when the units are as it found them. So the result depends on no clock
+and no order of arrival, and what is released at any time is a state the run could have been in. The
+path is ordered by level, and within a level by generator and place: moves of one level commute.
 
-The commits of one keeper: which of them have come.
+The commits of each keeper are counted by their numbers, so missing ones are known.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest
 from cubepath.protocol.core.actions import apply_in_place
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, FreeMessage, Turns
 from cubepath.protocol.wire.keys import Tiles
@@ -52,7 +52,7 @@ class Commits:
         """How many there are at least."""
 
     def is_new(self, moved: Commit) -> bool:
-        """Take note of a commit; CheckError if another came under its number."""
+        """Note a commit; CheckError if another came under its number."""
         if moved.serial < 1:
             raise CheckError(f"{named(moved)}: commits count from 1")
         digest = int.from_bytes(blake2b(_encode(moved), digest_size=8).digest(), "big")
@@ -97,7 +97,7 @@ class FreeGatherer(Gathered):
     def __init__(
         self, scene: Scene, keepers: int, watch: Callable[[Commit], None] | None = None
     ) -> None:
-        """Begin at the start of the scene, whose units so many keepers have."""
+        """Begin at the start of the scene, whose units this many keepers have."""
         self.scene = scene
         self.sites = list(scene.start)
         self._system = scene.system
@@ -174,7 +174,7 @@ class FreeGatherer(Gathered):
         """Return the number of moves released so far."""
         return len(self._levels)
 
-    def released(self, begin: int, count: int) -> list[tuple[int, str, Json]]:
+    def released(self, begin: int, count: int) -> list[tuple[int, str, Site]]:
         """Return the moves from a place on in the order of their release, with their levels.
 
         They are `count` at most. In any thread: what was released stays as it is.
@@ -226,10 +226,10 @@ class FreeGatherer(Gathered):
         """Yield a line for each unit that a keeper knows in a later version than was gathered."""
         for keeper, tail in sorted(self._tails.items()):
             for unit, version, _, reads, _ in tail.units:
-                known = self._unit(site_from_json(unit))
+                known = self._unit(unit)
                 if (version, reads) > (known.version, known.reads):
                     yield (
-                        f"keeper_{keeper} has {site_text(site_from_json(unit))} at version"
+                        f"keeper_{keeper} has {site_text(unit)} at version"
                         f" {version}, read {reads} times; gathered are version {known.version},"
                         f" read {known.reads} times"
                     )
@@ -237,7 +237,7 @@ class FreeGatherer(Gathered):
     # What comes in.
 
     def take(self, message: FreeMessage) -> None:
-        """Take a message that belongs on record; CheckError as for `receive`."""
+        """Take a message that belongs in the recording; CheckError as for `receive`."""
         match message:
             case Commit():
                 self.receive(message)
@@ -287,8 +287,7 @@ class FreeGatherer(Gathered):
 
     def _awaited(self, moved: Commit) -> _Awaited | None:
         """Return what must change before a commit can be released, None if nothing."""
-        for value, version in moved.read:
-            unit = site_from_json(value)
+        for unit, version in moved.read:
             known = self._unit(unit)
             if known.version < version:
                 return "unit", unit
@@ -297,8 +296,7 @@ class FreeGatherer(Gathered):
                     f"{named(moved)} reads version {version} of {site_text(unit)}, which was"
                     f" overwritten by one that counted {known.version} writes and not this reader"
                 )
-        for value, version, reads in moved.written:
-            unit = site_from_json(value)
+        for unit, version, reads in moved.written:
             known = self._unit(unit)
             if known.version > version:
                 raise CheckError(
@@ -313,7 +311,7 @@ class FreeGatherer(Gathered):
             if (known.version, known.reads) != (version, reads):
                 return "unit", unit
         for value, version in moved.guarded:
-            if self._unit(unit := site_from_json(value)).version < version:
+            if self._unit(unit := value).version < version:
                 return "unit", unit
         return self._awaited_module(moved)
 
@@ -338,9 +336,7 @@ class FreeGatherer(Gathered):
                 raise CheckError(f"{named(moved)}: it moves nothing, expected registers alone")
         else:
             self._carry_out(moved, self._move(moved))
-            changed += (
-                ("unit", site_from_json(unit)) for unit, *_ in (*moved.read, *moved.written)
-            )
+            changed += (("unit", unit) for unit, *_ in (*moved.read, *moved.written))
         for module, version, counts in _module_versions(moved):
             if counts:
                 self._module_versions[module] = version
@@ -353,22 +349,22 @@ class FreeGatherer(Gathered):
     def _move(self, moved: Commit) -> Move:
         """Return the move of a commit; CheckError if the catalogue or the state has another."""
         mover, source, *_ = moved.motion[0] if moved.motion else (moved.module, None, None, 0)
-        at = site_from_json(moved.at)
+        at = moved.at
         move = None
         if moved.generator is not None and moved.motion:
-            move = self._system.move_named(site_from_json(source), moved.generator, at)
-        told = [(site_from_json(one), site_from_json(two)) for _, one, two, _ in moved.motion]
+            move = self._system.move_named(source, moved.generator, at)
+        told = [(one, two) for _, one, two, _ in moved.motion]
         if move is None or mover != moved.module or told != list(move.motion):
             raise CheckError(f"{named(moved)}: its motion is not that of {moved.generator!r}")
         for module, source, *_ in moved.motion:
-            if self.sites[module] != site_from_json(source):
+            if self.sites[module] != source:
                 raise CheckError(
                     f"{named(moved)}: module_{module} stands at {site_text(self.sites[module])},"
-                    f" it says at {site_text(site_from_json(source))}"
+                    f" it says at {site_text(source)}"
                 )
         reads, writes = support_units(self._system, self._tiles, move)
-        told_reads = [site_from_json(unit) for unit, _ in moved.read]
-        told_writes = [site_from_json(unit) for unit, *_ in moved.written]
+        told_reads = [unit for unit, _ in moved.read]
+        told_writes = [unit for unit, *_ in moved.written]
         if (
             (frozenset(told_reads), frozenset(told_writes)) != (reads, writes)
             or len(told_reads) != len(reads)
@@ -378,10 +374,8 @@ class FreeGatherer(Gathered):
         return move
 
     def _carry_out(self, moved: Commit, move: Move) -> None:
-        reads = [self._units.setdefault(site_from_json(unit), _Unit()) for unit, _ in moved.read]
-        writes = [
-            self._units.setdefault(site_from_json(unit), _Unit()) for unit, *_ in moved.written
-        ]
+        reads = [self._units.setdefault(unit, _Unit()) for unit, _ in moved.read]
+        writes = [self._units.setdefault(unit, _Unit()) for unit, *_ in moved.written]
         depends = [unit.level for unit in (*reads, *writes)]
         level = 1 + max([0, *depends, *(unit.read_level for unit in writes)])
         if moved.level != level:
@@ -407,10 +401,10 @@ class FreeGatherer(Gathered):
         for place, module, version, _ in moved.notes:
             if self._module_versions[module] == version:
                 found = self._system.place_of(self.sites[module])
-                if found != site_from_json(place):
+                if found != place:
                     raise CheckError(
                         f"{named(moved)}: module_{module} stands at {site_text(found)}, its"
-                        f" register is said to be at {site_text(site_from_json(place))}"
+                        f" register is said to be at {site_text(place)}"
                     )
 
 

@@ -1,16 +1,15 @@
 """Gathering: from the reports of modules, in any order of arrival, to the edge path of a run.
 
 A round is released when every module has reported it, so the result depends on no clock and no
-order of arrival; a report that arrives twice counts once. What no module can have done, given where
-all of them stood, is not gathered.
+order of arrival; a report that arrives twice counts once. A report of something that no module can
+have done, given where all of them stood, is refused.
 
-Whether what modules say and report can be, given where all of them stand.
-
-It knows the state at the beginning of the round and all that was said in it. What a module says is
-plausible if it says so from where it is, the same to every region that it goes to; a claim is of an
-admissible move. A process is through with a phase when its modules have said all that is due. When
-all are, verdicts and reports must follow from the claims and the ranks: so who has lied is told
-from those who were lied to. When all have reported, the state goes on.
+`Plausibility` judges what modules send and report. It knows the state at the beginning of the round
+and everything sent in it. A message is plausible if it comes from where its module is, and says the
+same to every region; a claim must be of an admissible move. A process has finished a phase when its
+modules have sent all that is due. When all processes have, verdicts and reports must follow from
+the claims and the ranks, which tells a liar from the modules it lied to. When all have reported,
+the state advances.
 """
 
 from __future__ import annotations
@@ -19,8 +18,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
-import msgspec
-
 from cubepath.agents.processes.judge import KINDS_IN, RefusedError, refuse
 from cubepath.agents.processes.settling import Settling
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
@@ -28,7 +25,7 @@ from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest, 
 from cubepath.protocol.core.actions import apply_in_place, commute
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import (
     Bundle,
@@ -44,18 +41,15 @@ from cubepath.protocol.wire.messages import (
     kind_of,
 )
 
-_encode = msgspec.json.Encoder().encode
-
 
 class Plausibility:
-    """The state of a run at the beginning of a round, and what was said and reported in it."""
+    """The state of a run at the beginning of a round, and what was sent and reported in it."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin at the start of the scene."""
         self.sites: list[Site] = list(scene.start)
         self._system = scene.system
         self._state = set(scene.start_state)
-        self._spelled = [_encode(site) for site in scene.start]
         self._seed = 0
         self._later_seeds: Sequence[tuple[int, int]] = ()
         self._modules_of: Sequence[Sequence[int]] = ()
@@ -81,12 +75,12 @@ class Plausibility:
         self._later_seeds = later_seeds
 
     def _begin(self) -> None:
-        """Begin a round, in which nothing has been said."""
+        """Begin a round, in which nothing has been sent."""
         self._round += 1
         self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
         self._reports: dict[int, Report] = {}
-        self._moves: dict[tuple[int, bytes], Move | None] = {}
+        self._moves: dict[tuple[int, GeneratorPlacement], Move | None] = {}
         self._near: dict[tuple[int, bool], frozenset[str]] = {}
         self._settling: Settling | None = None
         self._begin_phase("join")
@@ -95,15 +89,16 @@ class Plausibility:
         self._phase = phase
         self._said: dict[tuple[type[Part], int], Part] = {}
         self._to: dict[tuple[type[Part], int], set[str]] = {}
-        """By kind and module what was said in this phase, and to which regions."""
+        """By kind and module what was sent in this phase, and to which regions."""
         self._counts: dict[int, Counter[str]] = {}
         self._through: set[int] = set()
 
     def check(self, message: Message) -> None:
         """Check a message of this round, which comes once, and take it; RefusedError if it cannot.
 
-        That a process is `ready` is checked when all that it said in the phase was. What it said
-        must be all that was due, and once all are through, verdicts and reports must agree.
+        That a process is `ready` is checked after everything that it sent in the phase. It must
+        have sent everything that was due, and once all are through, verdicts and reports must
+        agree.
         """
         if isinstance(message, Bundle | Ready) and message.phase != self._phase:
             self._begin_phase(message.phase)
@@ -123,7 +118,7 @@ class Plausibility:
             case _:
                 pass
 
-    # What is said.
+    # Outgoing messages.
 
     def _check_said(self, said: Bundle) -> None:
         if said.process in self._through:
@@ -143,13 +138,13 @@ class Plausibility:
 
     def _check_part(self, part: Part) -> None:
         """Check what a module says, apart from where it goes."""
-        if self._spelled[part.module] != _encode(part.site):
+        if self.sites[part.module] != part.site:
             refuse("impossible", self._elsewhere(kind_of(part), part.module, part.site))
         match part:
             case Claim(generator=generator, at=at):
                 move = self._move(part.module, GeneratorPlacement(generator, at))
                 if move is None or not move.possible(self._state):
-                    where = f"claim of module_{part.module}: {generator} at {_text(at)}"
+                    where = f"claim of module_{part.module}: {generator} at {site_text(at)}"
                     refuse("impossible", f"{where} is not admissible")
             case Verdict():
                 self._check_verdict(part)
@@ -161,7 +156,7 @@ class Plausibility:
         if verdict.module not in self._claims:
             refuse("impossible", f"{name}, which claims nothing")
         due = self._waiting_for(verdict.module)
-        if {_encode(place) for place in verdict.to} != {_encode(place) for place in due}:
+        if set(verdict.to) != due:
             refuse("impossible", f"{name}: it goes to modules other than those that wait for it")
 
     def _take_said(self, said: Bundle) -> None:
@@ -186,7 +181,7 @@ class Plausibility:
     def _regions(self, part: Part) -> frozenset[str]:
         """Return the regions that a part goes to."""
         if isinstance(part, Verdict):
-            return frozenset(self._system.region(site_from_json(place)) for place in part.to)
+            return frozenset(self._system.region(place) for place in part.to)
         return self._regions_from(part.module, sensed=type(part) is Presence)
 
     def _regions_from(self, module: int, *, sensed: bool) -> frozenset[str]:
@@ -242,7 +237,7 @@ class Plausibility:
 
     def _check_settled(self) -> None:
         sites = dict(enumerate(self.sites))
-        # Anew: moves of those whom nobody hears are known by their reports alone.
+        # Anew: moves of modules out of everybody's reach are known only from their reports.
         settling = self._settled()
         fault = settling.fault(self._verdicts, self._reports, sites)
         if fault is not None:
@@ -250,11 +245,12 @@ class Plausibility:
             raise RefusedError("impossible", why, self._process_of[module])
 
     def _elsewhere(self, kind: str, module: int, site: object) -> str:
-        return f"{kind} of module_{module} from {_text(site)}: it is at {_text(self.sites[module])}"
+        there = site_text(self.sites[module])
+        return f"{kind} of module_{module} from {site_text(site)}: it is at {there}"
 
     def _move(self, module: int, placed: GeneratorPlacement) -> Move | None:
         """Return the move of a module by its name, None if there is none."""
-        key = module, _encode(placed)
+        key = module, placed
         if key not in self._moves:
             try:
                 self._moves[key] = self._found(self.sites[module], placed)
@@ -263,7 +259,7 @@ class Plausibility:
         return self._moves[key]
 
     def _found(self, site: Site, placed: GeneratorPlacement) -> Move | None:
-        at = site_from_json(placed.at)
+        at = placed.at
         move = self._system.move_named(site, placed.generator, at)
         if move is not None:
             return move
@@ -273,7 +269,7 @@ class Plausibility:
     def _check_report(self, report: Report) -> None:
         module = report.module
         name = f"report of module_{module}"
-        if self._spelled[module] != _encode(report.before):
+        if self.sites[module] != report.before:
             refuse("impossible", self._elsewhere("report", module, report.before))
         if (report.move is not None) != (report.claim == "granted"):
             refuse(
@@ -282,17 +278,21 @@ class Plausibility:
         if (report.claim == "none") == (module in self._claims) and self._is_heard(module):
             refuse("impossible", f"{name}: its claim is {report.claim}")
         if report.move is not None:
-            self._check_move(f"{name}: {report.move.generator} at {_text(report.move.at)}", report)
-        elif _encode(report.site) not in self._taken_to(module):
-            refuse("impossible", f"{name}: it ends at {_text(report.site)}, where nothing takes it")
+            self._check_move(
+                f"{name}: {report.move.generator} at {site_text(report.move.at)}", report
+            )
+        elif report.site not in self._taken_to(module):
+            refuse(
+                "impossible", f"{name}: it ends at {site_text(report.site)}, where nothing takes it"
+            )
 
     def _check_move(self, name: str, report: Report) -> None:
         module = report.module
         move = None if report.move is None else self._move(module, report.move)
         if move is None:
-            refuse("impossible", f"{name} is no move from {_text(self.sites[module])}")
-        if _encode(report.site) != _encode(move.target):
-            refuse("impossible", f"{name} does not end at {_text(report.site)}")
+            refuse("impossible", f"{name} is no move from {site_text(self.sites[module])}")
+        if report.site != move.target:
+            refuse("impossible", f"{name} does not end at {site_text(report.site)}")
         if not self._is_heard(module):
             self._claims[module] = move
         elif self._claims.get(module) != move:
@@ -300,10 +300,10 @@ class Plausibility:
         if not move.possible(self._state):
             refuse("impossible", f"{name} is not admissible")
 
-    def _taken_to(self, module: int) -> set[bytes]:
+    def _taken_to(self, module: int) -> set[Site]:
         """Return where a module that made no move may be: it stays, or another takes it along."""
-        return {self._spelled[module]} | {
-            _encode(target)
+        return {self.sites[module]} | {
+            target
             for move in self._claims.values()
             for source, target in move.motion[1:]
             if source == self.sites[module]
@@ -323,25 +323,24 @@ class Plausibility:
         after = dict(enumerate(self.sites))
         made: dict[int, Move] = {}
         for module, report in reports.items():
-            if _encode(report.before) != self._spelled[module]:
+            if report.before != self.sites[module]:
                 raise CheckError(self._elsewhere("report", module, report.before))
             if report.move is None:
                 continue
             move = self._move(module, report.move)
-            at = _text(report.move.at)
+            at = site_text(report.move.at)
             where = f"report of module_{module}: {report.move.generator} at {at}"
             if move is None:
-                raise CheckError(f"{where} is no move from {_text(self.sites[module])}")
+                raise CheckError(f"{where} is no move from {site_text(self.sites[module])}")
             if not move.possible(self._state):
                 raise CheckError(f"{where} is not admissible")
             made[module] = move
         self._make(made, after)
-        self._spelled = [_encode(after[module]) for module in range(len(self.sites))]
         for module, report in reports.items():
-            if self._spelled[module] != _encode(report.site):
+            if after[module] != report.site:
                 raise CheckError(
-                    f"report of module_{module}: it ends at {_text(report.site)}, and the moves"
-                    f" take it to {_text(after[module])}"
+                    f"report of module_{module}: it ends at {site_text(report.site)}, and the moves"
+                    f" take it to {site_text(after[module])}"
                 )
         self.sites = [after[module] for module in range(len(self.sites))]
         self._begin()
@@ -370,11 +369,6 @@ class Plausibility:
 
 def _to(part: Part, said: Bundle) -> str:
     return f"{kind_of(part)} of module_{part.module} to {said.region}"
-
-
-def _text(site: object) -> str:
-    """Return a site as messages have it, whoever tells it."""
-    return _encode(site).decode()
 
 
 class Gatherer(Gathered):

@@ -22,9 +22,9 @@ _NEEDED = {"lockstep": ("reports",), "free": ("commit", "turns", "commits")}
 def gathered(recording: Recording) -> Gathered:
     """Gather what modules or keepers of a recording reported.
 
-    Incomplete rounds are left out, and commits that depend on others which are not on record.
-    InputError as for `check_from_the_start`, or if a message on record is malformed; CheckError as
-    for `Gatherer.receive` and `FreeGatherer.receive`.
+    Incomplete rounds are left out, and commits that depend on others which are not recorded.
+    InputError as for `check_from_the_start`, or if a message in the recording is malformed;
+    CheckError as for `Gatherer.receive` and `FreeGatherer.receive`.
 
     >>> from pathlib import Path
     >>> from cubepath.protocol import read_recording

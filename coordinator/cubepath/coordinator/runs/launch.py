@@ -22,12 +22,12 @@ def run(
     say: Say | None = None,
     **options: Unpack[PlanOptions],
 ) -> Outcome:
-    """Run a system in processes to its end, and return what came of it.
+    """Run a system in processes to its end, and return the outcome.
 
     `what` is a system as the command line names it, a scene, or a whole `Plan`; `rule` is a name or
     ``FILE.py:NAME``, and None means the rule of the system's family. The options are the fields of
-    `Plan`. `watch` is called after each round. `say` is told in a line where others can join, and
-    who is waited for.
+    `Plan`. `watch` is called after each round. `say` gets a line with the address where others can
+    join, and with whom the run waits for.
 
     InputError if that cannot be run at all; everything that goes wrong later (a process that dies,
     a rule that gives up, a full disk, an interrupt) is part of the outcome.
@@ -51,7 +51,7 @@ def start(
     """Return a run to be stepped, watched, tapped, asked and stopped, as a context manager.
 
     The arguments are those of `run`. Processes take the `way` to the router, which a test can lay
-    through a link of its own. InputError as for `run`, CheckError if the processes do not start.
+    through its own link. InputError as for `run`, CheckError if the processes do not start.
 
     >>> with start("hex:n=4", processes=2, log="logs/stepped.mcap") as running:
     ...     claims = running.tap("claim")

@@ -1,4 +1,4 @@
-"""What listens to a run: functions that are called with its messages, and taps that hold them."""
+"""Listeners of a run: functions that are called with its messages, and taps that hold them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 
 TAP_MAX = 1_000_000
-"""So many messages wait in a tap at most; then the oldest are dropped, and counted."""
+"""At most this many messages wait in a tap; then the oldest are dropped, and counted."""
 
 
 class TappedMessage(msgspec.Struct, frozen=True):
-    """A message of a run, or a part of one: a claim comes in a `said`, a turn in `turns`."""
+    """A message of a run, or a part of one: a claim comes in a `bundle`, a turn in `turns`."""
 
     kind: str
     round: int

@@ -1,8 +1,8 @@
 """Some modules live and the others from a recording, up to the first divergence, which is named.
 
-The modules of a recording are played again in a run of real processes: those that are live follow
-their rule, the others choose what they chose on record. As long as the live ones do as before,
-every message is the one on record; so whatever differs first is theirs.
+The modules of a recording are played again in a run of real processes: the live ones follow their
+rule, the others repeat their recorded choices. As long as the live ones do as before, every message
+equals the recorded one; so the first difference comes from a live module.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from cubepath.coordinator.verification.parameters import RuleStage, spans, stage
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Claim, Note, Part, Report, Verdict
 
@@ -52,7 +52,7 @@ _MODULE = re.compile(r"\bmodule_(\d+)\b")
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """The first thing that a live module does, or a process says, other than on record.
+    """The first thing that a live module does, or a process says, other than in the recording.
 
     >>> found = replay_live("logs/golden/agv-6.mcap", [0], rule="random", processes=0).divergence
     >>> found.round, found.module, found.kind, found.recorded
@@ -65,7 +65,7 @@ class Divergence:
     kind: str
     """"note", "claim", "verdict" or "report"; "failed" if the run ended there."""
     recorded: str
-    """What is on record."""
+    """What is recorded."""
     live: str
     """What came instead."""
     site: str | None
@@ -86,7 +86,7 @@ class Divergence:
 
 @dataclass(frozen=True, slots=True)
 class LiveReplay:
-    """What came of a replay with live modules."""
+    """The outcome of a replay with live modules."""
 
     log: str
     """The recording that was replayed."""
@@ -95,14 +95,14 @@ class LiveReplay:
     rounds: int
     """How many rounds were the same, from the first on."""
     recorded_rounds: int
-    """How many whole rounds are on record."""
+    """How many whole rounds are recorded."""
     divergence: Divergence | None
     recording: str | None = None
-    """Where the run with the live modules is on record, if it was to be."""
+    """Where the run with the live modules is recorded, if it was to be."""
 
     @property
     def same(self) -> bool:
-        """Whether all rounds on record were the same."""
+        """Whether all rounds in the recording were the same."""
         return self.divergence is None
 
     def document(self) -> dict[str, Any]:
@@ -144,22 +144,18 @@ def replay_live(
     >>> found.same, found.rounds
     (True, 20)
     >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
-    round 2, module_2: notes of 6 numbers; on record no notes
-    it stood at 2; sensed module_1 at 1
+    round 2, module_2: notes of 6 numbers; in the recording no notes it stood at 2; sensed module_1
+    at 1
 
-    Args:
-        recording: of a run with rounds by one rule; of one that was cut off, its whole rounds.
-        modules: those that are live, by default all. The others choose as on record.
-        rule: what the live ones follow, a name or ``FILE.py:NAME``; by default the rule on record.
-        processes: as for `run`, like all that follows.
-        log: where the run with the live modules is recorded; by default nothing is kept of it.
-        patience: seconds.
-        listen: where processes of others may join, with modules that are live.
-        connect: instead, where a router listens already.
-        secure: the folder of certificates.
-        wait_for: how many processes join; what live modules they leave follow the rule here.
-        watch: called after each round.
-        say: told in a line what goes on.
+    Args: recording: of a run with rounds by one rule; of one that was cut off, its whole rounds.
+        modules: those that are live, by default all. The others choose as in the recording. rule:
+        what the live ones follow, a name or ``FILE.py:NAME``; by default the recorded rule.
+        processes: as for `run`, like all that follows. log: where the run with the live modules is
+        recorded; by default nothing is kept of it. patience: seconds. listen: where processes of
+        others may join, with modules that are live. connect: instead, where a router listens
+        already. secure: the folder of certificates. wait_for: how many processes join; what live
+        modules they leave follow the rule here. watch: called after each round. say: told in a line
+        what continues.
 
     InputError if the recording or the rule does not allow that.
     """
@@ -224,7 +220,7 @@ def _stage_of(record: RecordedDecisions) -> RuleStage:
 def _rule_of(
     record: RecordedDecisions, stage: RuleStage, live: tuple[int, ...], *, joined: bool
 ) -> str:
-    """Return the one rule that modules follow on record.
+    """Return the one rule that modules follow in the recording.
 
     For those of processes that have `joined`, whose rule may be their own, that of the family.
     """
@@ -240,7 +236,7 @@ def _rule_of(
 
 
 def _note_lengths(record: RecordedDecisions, name: str) -> tuple[int, int]:
-    """Return how many numbers the notes of the rule have, and those on record."""
+    """Return how many numbers the notes of the rule have, and those in the recording."""
     scene = record.recording.scene
     modules = len(scene.start)
     own, told = rule_named(name, scene.system).length(modules), record.note_length
@@ -274,7 +270,7 @@ def _branch(
 
 
 class _Subscriber:
-    """What was said in the rounds under way, and the first message that was refused."""
+    """What was sent in the rounds under way, and the first message that was refused."""
 
     def __init__(self) -> None:
         self.words: dict[int, Words] = {}
@@ -297,7 +293,8 @@ def _played(
 ) -> LiveReplay:
     """Play round by round until something differs, or all are over.
 
-    In the second round that is known, if notes on record and those of the rule are `other` ones.
+    In the second round that is known, if notes in the recording and those of the rule are `other`
+    ones.
     """
     rounds = record.rounds if other is None else 1
     ear = _Subscriber()
@@ -324,7 +321,7 @@ def _played(
 
 
 class _Comparing:
-    """Compares what modules say, live, with what is on record."""
+    """Compares what modules say, live, with what is recorded."""
 
     def __init__(self, record: RecordedDecisions) -> None:
         self._record = record
@@ -345,7 +342,7 @@ class _Comparing:
         return None
 
     def end(self, number: int, why: str) -> Divergence:
-        """Return why a round on record was not completed."""
+        """Return why a round in the recording was not completed."""
         named = _MODULE.search(why)
         module = None if named is None else int(named[1])
         if module is None or module >= len(self.sites[0]):
@@ -355,7 +352,7 @@ class _Comparing:
 
     def divergence(self, number: int, module: int, kind: str, was: str, now: str) -> Divergence:
         """Return a difference, with what the module had sensed when it chose."""
-        # What is noted in a round is said in the next.
+        # A note of one round is sent in the next.
         chosen = max(number - (kind == "note"), 1)
         where = self.sites[chosen - 1]
         system = self._system
@@ -378,25 +375,25 @@ class _Comparing:
 
 
 def _content(said: Part | Report | None) -> object:
-    """Return what counts of what a module said, whatever the format of the recording."""
+    """Return what counts of a module's message, whatever the format of the recording."""
     match said:
         case Note():
             return tuple(said.note)
         case Claim():
-            return said.generator, site_from_json(said.at)
+            return said.generator, said.at
         case Verdict():
-            return said.granted, frozenset(map(site_from_json, said.to))
+            return said.granted, frozenset(said.to)
         case Report():
             move = None if said.move is None else (said.move.generator, said.move.at)
-            at = None if move is None else site_from_json(move[1])
-            sites = site_from_json(said.before), site_from_json(said.site)
+            at = None if move is None else move[1]
+            sites = said.before, said.site
             return said.claim, move and move[0], at, sites, said.failed
         case _:
             return None
 
 
 def _text(said: Part | Report | None, kind: str) -> str:
-    """Return what a module said as the end of a sentence about it."""
+    """Return a module's message as the end of a sentence about it."""
     match said:
         case Note():
             return f"notes {said.note}"
@@ -404,13 +401,13 @@ def _text(said: Part | Report | None, kind: str) -> str:
             return f"claims {move_text(GeneratorPlacement(said.generator, said.at))}"
         case Verdict():
             how = "granted" if said.granted else "lost"
-            to = ", ".join(map(site_text, in_order(map(site_from_json, said.to))))
+            to = ", ".join(map(site_text, in_order(said.to)))
             return f"says that its claim is {how}, to {to}"
         case Report():
             gave_up = "" if said.failed is None else f", gives up: {said.failed}"
             return (
                 f"reports {said.claim}, {move_text(said.move)}, and stands at"
-                f" {site_text(site_from_json(said.site))}{gave_up}"
+                f" {site_text(said.site)}{gave_up}"
             )
         case _:
             return {"note": "notes nothing", "claim": "claims nothing"}.get(kind, f"no {kind}")

@@ -1,4 +1,4 @@
-"""A run with rounds: modules in processes, paced round by round, gathered and on record.
+"""A run with rounds: modules in processes, paced round by round, gathered and recorded.
 
 It starts the fleet, paces rounds and listens; it decides nothing for a module.
 """

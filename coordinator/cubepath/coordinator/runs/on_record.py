@@ -1,7 +1,7 @@
-"""What the modules of a recording said and chose, round by round, to be chosen again.
+"""What the modules of a recording sent and chose, round by round, so that a run can repeat it.
 
-Nothing of the recording is taken on trust that the run which repeats it does not derive again; here
-it is only checked that reports and claims fit together.
+The run that repeats it derives everything again, so nothing in the recording is trusted. This
+module checks only that reports and claims fit together.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cubepath.coordinator.verification.parameters import (
 from cubepath.coordinator.verification.partial import hole_in
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import site_from_json, site_text
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.credentials import process_name
 from cubepath.protocol.wire.messages import (
@@ -40,7 +40,7 @@ from cubepath.protocol.wire.messages import (
 )
 
 Words: TypeAlias = dict[tuple[str, int], Part | Report]
-"""What modules said and reported in a round, by kind and module."""
+"""What modules sent and reported in a round, by kind and module."""
 _KINDS = ("note", "claim", "verdict", "report")
 
 
@@ -70,9 +70,9 @@ class RecordedDecisions:
 
 
 def on_record(recording: Recording) -> RecordedDecisions:
-    """Read what modules said and chose in the whole rounds of a recording.
+    """Read what modules sent and chose in the whole rounds of a recording.
 
-    InputError in one line if they did not choose by rules in rounds, or if what is on record does
+    InputError in one line if they did not choose by rules in rounds, or if what is recorded does
     not fit together; CheckError as for `gathered`.
     """
     _check_kind(recording)
@@ -141,7 +141,7 @@ def _check_kind(recording: Recording) -> None:
 
 
 def _whole(words: Sequence[Words]) -> int:
-    """Return up to which round nothing is missing that is known to have been said."""
+    """Return up to which round nothing is missing that is known to have been sent."""
     for place, said in enumerate(words):
         for report in (each for each in said.values() if isinstance(each, Report)):
             heard = {(kind, sender) for kind, sender in report.deliveries() if kind in _KINDS}
@@ -177,7 +177,7 @@ def _note_length(words: Iterable[Words]) -> int:
 
 
 def _stages(recording: Recording, own: set[int]) -> tuple[RuleStage, ...]:
-    """Return which rules modules follow, those left out whose process named a rule of its own."""
+    """Return which rules modules follow, except those whose process named its own rule."""
     told, path = recording.parameters, recording.path
     rule, seed, hesitate = told.get("rule"), seed_in(told), hesitation_in(told)
     stages = stages_in(recording)
@@ -194,4 +194,4 @@ def move_text(move: GeneratorPlacement | None) -> str:
     """Return a move as text for people."""
     if move is None:
         return "no move"
-    return f"{move.generator} at {site_text(site_from_json(move.at))}"
+    return f"{move.generator} at {site_text(move.at)}"

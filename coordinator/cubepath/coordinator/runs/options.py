@@ -66,8 +66,7 @@ class RunOptions:
     repair: Annotated[
         bool,
         Meta(
-            description="where a cube of the schedule no longer applies, go on with the rule from"
-            " there"
+            description="where a cube of the schedule no longer applies, follow the rule from there"
         ),
     ] = False
     patience: Annotated[

@@ -1,4 +1,4 @@
-"""What to run: a plan, checked; the name of its recording, and what that says of it."""
+"""What to run: a checked plan, the name of its recording, and the parameters recorded in it."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Branch:
 
     recorded: RecordedChoices
     rounds: int | None
-    """After so many rounds all modules follow rules; None if never."""
+    """After this many rounds all modules follow rules; None if never."""
     parameters: Mapping[str, str]
     """What the recording of the run says of it."""
 

@@ -1,14 +1,12 @@
-"""Taking up a run without rounds that was cut off: its recording, and the logs of its keepers.
+"""Resuming a run without rounds that was cut off: its recording, and the logs of its keepers.
 
-While such a run goes on, the logs of its keepers are in a folder beside its recording; a run that
-comes to its end takes the folder away, unless it failed.
+While such a run is under way, the logs of its keepers are in a folder beside its recording. A run
+that ends removes the folder, unless it failed.
 
-Whether the logs of a run's keepers are as late as what else is known of the run.
-
-A log without its last records is whole in itself: a crash before they were written would have left
-the same. But a keeper logs first and speaks then, so the logs of other keepers, and the recording,
-tell what a log must have. Numbers of a keeper only grow along its log, so it is enough to compare
-the last ones.
+A log that lacks its last records is valid in itself: a crash before they were written would have
+left the same. But a keeper logs before it sends, so the logs of other keepers and the recording
+show which records a log must have. The numbers of a keeper only grow along its log, so it is enough
+to compare the last ones.
 """
 
 from __future__ import annotations
@@ -87,7 +85,7 @@ class _Known:
         self._epochs: dict[int, tuple[int, Path]] = {}
 
     def record(self, keeper: int, record: Record | Opened, where: Path) -> None:
-        """Take note of a record in the log of a keeper, and of what it says of other logs."""
+        """Note a record in the log of a keeper, and of what it says of other logs."""
         match record:
             case Opened(incarnation=incarnation):
                 self._has[_Key(keeper, _OPENED)] = (incarnation,)
@@ -108,7 +106,7 @@ class _Known:
                 self._entered[enter.module] += 1
 
     def message(self, message: FreeMessage, where: Path) -> None:
-        """Take note of what a message on record says of the logs."""
+        """Note what a message in the recording says of the logs."""
         match message:
             case Commit():
                 self._moved(message, where)
@@ -127,7 +125,7 @@ class _Known:
                 pass
 
     def _attempted(self, keeper: int, attempt: Attempt, where: Path) -> None:
-        """Whoever is before this keeper in the chain has prepared it."""
+        """Every keeper before this one in the chain has prepared it."""
         try:
             chain = chain_of(self._system, self._tiles, attempt)
         except InputError as error:
@@ -152,7 +150,7 @@ class _Known:
         return (moved.serial,)
 
     def _acted(self, module: int, epoch: int, where: Path) -> None:
-        """Whoever acts in an epoch has entered so often."""
+        """A module that acts in an epoch has joined that often."""
         if epoch > self._epochs.get(module, (0, where))[0]:
             self._epochs[module] = epoch, where
 
@@ -222,7 +220,7 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
 _LOCK = "lock"
 """The file in the folder of logs that is locked: no run writes to it."""
 _LOCK_S_MAX, _POLL_S = 2.0, 0.05
-"""So long the keepers of a run whose launcher was killed may take to end."""
+"""How long the keepers of a run whose launcher was killed may take to end."""
 
 
 def keeper_logs(recording: Path) -> Path:

@@ -39,13 +39,13 @@ _TIMEOUT_S = 60.0
 class Run:
     """A run as a context manager: nothing of it is left when the block ends.
 
-    A run with rounds goes on only when it is told to, by `step`, `until` or `play`. Without rounds
-    modules act when they are ready; the same functions listen to what they do. What goes wrong with
-    the run (a process that dies, a rule that gives up) ends it, and `outcome` says how; so does a
-    block that is left before its end. The recording is closed in any case.
+    A run with rounds advances only when you call `step`, `until` or `play`. Without rounds modules
+    act when they are ready; the same functions listen to what they do. What goes wrong with the run
+    (a process that dies, a rule that gives up) ends it, and `outcome` says how; so does a block
+    that is left before its end. The recording is closed in any case.
 
-    `watch` is called after each round, and without rounds now and then; `say` is told in a line
-    where others can join, who is waited for, and who died.
+    `watch` is called after each round, and without rounds now and then; `say` gets a line with the
+    address where others can join, whom the run waits for, and what died.
 
     >>> with start("hex:n=3", log="logs/steps.mcap", processes=1) as run:
     ...     while run.step() and run.status.moves < 3:
@@ -119,7 +119,7 @@ class Run:
     ) -> None:
         """End what is still running, and close the recording; nothing if that has been done.
 
-        What listeners raise at the end is raised, unless the block is left by an error of its own.
+        What listeners raise at the end is raised, unless the block is left by its own error.
         """
         with self._lock.to_close() as free:
             if not free:
@@ -130,7 +130,7 @@ class Run:
             self._listeners.raise_first()
 
     def play_from_the_start(self) -> Outcome:
-        """Begin, and go on to the end, which an interrupt brings about as well."""
+        """Begin, and continue to the end, which an interrupt brings about as well."""
         with self._lock.hold(), interrupts() as interrupted:
 
             def check() -> None:
@@ -166,7 +166,7 @@ class Run:
         self.check()
 
     def check_files(self, more: int = 0) -> None:
-        """Check that this process may open as many files as the run takes, and so many more.
+        """Check that this process may open as many files as the run takes, and this many more.
 
         CubepathError says how many it takes.
         """
@@ -181,7 +181,7 @@ class Run:
         """Return the name of the rule that modules follow at the beginning."""
         return self._context.task.name
 
-    # How it goes on.
+    # How it continues.
 
     def step(self, count: int = 1, *, timeout_s: float = _TIMEOUT_S) -> bool:
         """Play so many rounds, or listen until so many more moves; return whether the run goes on.
@@ -228,8 +228,8 @@ class Run:
     def stop(self) -> Outcome:
         """End the run where it stands, unless it has ended; return its outcome.
 
-        What listens to a round, or another thread, can ask for that as well: whoever goes on with
-        the run then ends it before the next message, and what is returned is how it stands so far.
+        What listens to a round, or another thread, can ask for that as well: the thread that steps
+        the run then ends it before the next message; the result is the status so far.
         """
         driver = self._begun
         with self._lock.to_stop() as free:
@@ -242,8 +242,8 @@ class Run:
     def messages(self, *kinds: str) -> Iterator[TappedMessage]:
         """Go on to the end of the run, and yield each message, or each of these kinds.
 
-        Who breaks out of the loop leaves the run where it is: `step` and its like go on from there.
-        InputError if there is no such kind.
+        Who breaks out of the loop leaves the run where it is: `step` and its like continue from
+        there. InputError if there is no such kind.
         """
         return self._messages(Tap(kinds))
 
@@ -281,7 +281,7 @@ class Run:
         """Have a function called with each message from now on, and with each part of one.
 
         It may look at the run, end its processes and stop it; it may not step it. What it raises is
-        raised by `step` and its like after the round, which is completed: the run can go on.
+        raised by `step` and its like after the round, which is completed: the run can continue.
         """
         if not callable(hear):
             raise InputError(f"listen: {hear!r}: expected a function of one message")
@@ -312,7 +312,7 @@ class Run:
 
     @property
     def outcome(self) -> Outcome:
-        """Return the outcome; CheckError before the run, and while it goes on."""
+        """Return the outcome; CheckError before the run, and while it continues."""
         driver = self._begun
         if driver.outcome is None:
             how = "goes on" if driver.ending is None else "was broken off while it ended"
@@ -387,7 +387,8 @@ class Run:
     def signal(self, process: str, number: int = signal.SIGKILL) -> None:
         """Send a signal to a process of the run by name; InputError if it has no such process.
 
-        A process that stands still (SIGSTOP) is killed when the run ends, if nobody lets it go on.
+        A process that stands still (SIGSTOP) is killed when the run ends, if nobody lets it
+        continue.
         """
         pids = self.pids
         if process not in pids:

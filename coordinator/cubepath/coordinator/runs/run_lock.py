@@ -1,6 +1,6 @@
-"""Whose turn it is with a run: one thread at a time, and nobody who listens to a round goes on.
+"""Who may act on a run: one thread at a time; a listener of a round cannot step the run.
 
-Interrupts as exceptions, raised between two messages and never in the middle of one.
+Interrupts become exceptions that are raised between two messages, never in the middle of one.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _CLOSE_S_MAX = 60.0
 
 
 class RunLock:
-    """Who may go on with a run: one thread at a time, and nobody who listens to a round."""
+    """Who may continue with a run: one thread at a time, and nobody who listens to a round."""
 
     def __init__(self) -> None:
         """Begin with nothing under way."""
@@ -87,7 +87,7 @@ class RunLock:
 
     @contextmanager
     def to_stop(self) -> Generator[bool]:
-        """Say whether the run can be ended now; if not, whoever goes on with it ends it soon."""
+        """Say whether the run can be ended now; if not, the thread that steps it ends it soon."""
         self.stopping = True
         held = self._lock.acquire(blocking=False)
         try:
@@ -98,9 +98,9 @@ class RunLock:
 
     @contextmanager
     def to_close(self) -> Generator[bool]:
-        """Say whether everything can be ended now: not by whoever listens to a round.
+        """Say whether everything can be ended now: not from a listener of a round.
 
-        Another thread that goes on with the run has some time to end it.
+        Another thread that continues with the run has some time to end it.
         """
         self.stopping = True
         held = self._lock.acquire(timeout=_CLOSE_S_MAX)

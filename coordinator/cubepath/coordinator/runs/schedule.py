@@ -1,8 +1,8 @@
 """A schedule in progress: which module makes which move, and where it ends or stops.
 
-The module itself finds out whether a move is admissible when its round comes, or an obstacle is in
-its way. During the run the coordinator reads the reports, and begins no further round once a module
-has given up.
+The module itself finds out whether a move is admissible when its round comes, or whether an
+obstacle is in its way. During the run the coordinator reads the reports, and begins no further
+round once a module has given up.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Reading a schedule, and giving each module its own part of it.
 
-Before the run begins, the modules are followed through the cubes from the start of the scene, by
-the traces of the moves alone. This determines which module makes each move, and each module is
-given its own part.
+Before the run begins, the modules are followed through the cubes from the start of the scene, using
+only the traces of the moves. This determines which module makes each move, and each module receives
+only its own moves.
 
-Without rounds, the cubes are followed from the start by counting, so each module is told with its
-own moves how often their units have been written and read before.
+Without rounds, units are counted along the cubes from the start, so each module also receives, with
+its own moves, how often their units have been written and read before.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.input_files import InputFile, opened
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text, to_json
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.file_forms import form_of
 from cubepath.protocol.path_files.durations import Cubes, by_generator
@@ -103,7 +103,7 @@ def _open_system(schedule: Schedule, scene: Scene) -> System:
     """
     if schedule.scene is not None:
         return schedule.scene.system
-    placed = ((move.generator, site_from_json(move.at)) for cube in schedule.cubes for move in cube)
+    placed = ((move.generator, move.at) for cube in schedule.cubes for move in cube)
     try:
         return scene.system.with_moves(placed)
     except InputError as error:
@@ -117,7 +117,7 @@ def _actions(
     found: list[Action | str] = []
     for placed in schedule.cubes[number - 1]:
         try:
-            at = site_from_json(placed.at)
+            at = placed.at
             with contextlib.suppress(ExcludedError):
                 scene.system.action(placed.generator, at)  # its module finds out what is in its way
             found.append(open_system.action(placed.generator, at))
@@ -140,7 +140,7 @@ def _move(
     for move in system.moves_of(action):
         if on == frozenset(source for source, _ in move.motion):
             return move
-    text = site_text(site_from_json(placed.at))
+    text = site_text(placed.at)
     return f"{placed.generator} at {text}: {_nobody(action, on)}"
 
 
@@ -212,7 +212,7 @@ def own_moves(scene: Scene, assignment: Assignment) -> dict[int, list[OwnMove]]:
     """Return the moves of each module in their order, each with what it must find."""
     system, tiles = scene.system, Tiles(scene.system, 1)
     owners = {
-        (number, placed.generator, site_from_json(placed.at)): module
+        (number, placed.generator, placed.at): module
         for module, moves in assignment.own.items()
         for number, placed in moves.items()
     }
@@ -220,18 +220,16 @@ def own_moves(scene: Scene, assignment: Assignment) -> dict[int, list[OwnMove]]:
     found: dict[int, list[OwnMove]] = {}
     for number, cube in enumerate(assignment.cubes, 1):
         for placed in cube:
-            at = site_from_json(placed.at)
+            at = placed.at
             module = owners.get((number, placed.generator, at))
             if module is None:
                 continue  # no module can make it: the schedule stops there
             move = system.moves_of(system.action(placed.generator, at))[0]
             reads, writes = support_units(system, tiles, move)
-            after: list[tuple[Json, int, int | None]] = [
-                (to_json(unit), *versions.get(unit, (0, 0))) for unit in in_order(writes)
+            after: list[tuple[Site, int, int | None]] = [
+                (unit, *versions.get(unit, (0, 0))) for unit in in_order(writes)
             ]
-            after += [
-                (to_json(unit), versions.get(unit, (0, 0))[0], None) for unit in in_order(reads)
-            ]
+            after += [(unit, versions.get(unit, (0, 0))[0], None) for unit in in_order(reads)]
             found.setdefault(module, []).append(OwnMove(placed, after))
             for unit in reads:
                 version, times = versions.get(unit, (0, 0))

@@ -1,9 +1,6 @@
-"""Where modules are after each round of a recording, while it is read.
+"""Where modules are after each round of a recording, or after each step of a run or schedule.
 
-The places follow from the start state and the moves that were reported.
-
-Where modules are after each step of a run or of a schedule, from the scene and the moves alone.
-
+Places follow from the start state and the reported moves, so a recording is read once, in order.
 Pictures and films are drawn from the snapshots.
 """
 

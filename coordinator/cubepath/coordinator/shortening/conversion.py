@@ -1,8 +1,7 @@
-"""Converting a path from one form of file to another, and binary cubes to lines.
+"""Converting a path from one form of file to another, and comparing two files.
 
-The input is checked as for shortening.
-
-Whether two files hold equal paths, whatever form they have.
+The input is checked as for shortening. Two files are the same if they hold equal paths, whatever
+their forms.
 """
 
 from __future__ import annotations
@@ -11,12 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.shortening.path_input import PathInput, read_input
+from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.output_files import same_file
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.npz import read_cubes_npz, write_moves_npz
@@ -91,7 +89,9 @@ def difference_of(
     `system` is that of files of moves; a recording has its own. Errors are as for `read_input`.
     """
     one, other = (_read(path, system, hints, progress) for path in paths)
-    return difference(one.actions, other.actions, _starts(one, other), homotopic=homotopic)
+    return difference(
+        one.actions, other.actions, starts_to_compare(one, other), homotopic=homotopic
+    )
 
 
 def _read(
@@ -101,20 +101,3 @@ def _read(
         if form_of(file).name == "recording":
             return read_input(file, None, NO_HINTS, progress)
         return read_input(file, system, hints, progress)
-
-
-def _touched(path: PathInput) -> frozenset[Site]:
-    return frozenset[Site]().union(*(action.support for action in path.numbered.actions))
-
-
-def _starts(
-    one: PathInput, other: PathInput
-) -> tuple[frozenset[Site] | None, frozenset[Site] | None]:
-    """Return the starts as far as both paths tell of the same sites."""
-    first, second = one.start, other.start
-    if first is None or second is None:
-        return None, None
-    if one.given_scene is not None and other.given_scene is not None:
-        return first, second
-    common = _touched(one) & _touched(other)
-    return first & common, second & common

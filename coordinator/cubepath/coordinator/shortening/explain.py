@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import chain, pairwise
+from operator import itemgetter
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
@@ -24,7 +26,7 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.durations import Durations, TimedLine, time_text
-from cubepath.protocol.path_files.moves import CubeName, PathMove, known_of_named
+from cubepath.protocol.path_files.moves import PathMove, known_of_named
 from cubepath.protocol.path_files.numbered import NumberedPath
 
 
@@ -104,14 +106,13 @@ def _count(number: int, what: str) -> str:
 class TimedPath:
     """The remaining moves of a path, with their times.
 
-    `names` are the names that a file gives them. `places` are their numbers in the input, from 1,
-    in ascending order; `times` has one start for each.
+    `places` are their places in the path, from 0, in ascending order, shape (remaining moves,);
+    `durations` and `times` have one duration and one start for each.
     """
 
-    moves: tuple[PathMove, ...]
-    names: tuple[CubeName, ...]
-    places: tuple[int, ...]
-    durations: tuple[Fraction, ...]
+    path: NumberedPath
+    places: NDArray[np.int64]
+    durations: Sequence[Fraction]
     times: Timetable
 
     @property
@@ -121,14 +122,11 @@ class TimedPath:
 
     def lines(self) -> list[TimedLine]:
         """Return the lines of the timetable, by start and then by place in the input."""
-        order = sorted(range(len(self.places)), key=lambda place: self.times.starts[place])
+        names = self.path.cube_names(self.places)
+        rows = zip(self.times.starts, self.durations, names, strict=True)
         return [
-            TimedLine(
-                time_text(self.times.starts[place]),
-                time_text(self.durations[place]),
-                self.names[place],
-            )
-            for place in order
+            TimedLine(time_text(start), time_text(duration), name)
+            for start, duration, name in sorted(rows, key=itemgetter(0))
         ]
 
     def in_words(self) -> list[str]:
@@ -136,9 +134,10 @@ class TimedPath:
         lines = [f"No timetable in the class is shorter than {self.makespan}; one after another:"]
         for place in self.times.critical:
             start, duration = self.times.starts[place], self.durations[place]
+            move = int(self.places[place])
             lines.append(
                 f"  from {time_text(start)} to {time_text(start + duration)}"
-                f"  move {self.places[place]}  {name_text(self.moves[place])}"
+                f"  move {move + 1}  {name_text(self.path.move(move))}"
             )
         return lines if self.times.critical else []
 
@@ -146,8 +145,7 @@ class TimedPath:
 def timed_path(path: PathInput, certificate: Certificate, durations: Durations) -> TimedPath:
     """Return the shortest timetable of the class; InputError as for `durations_of`."""
     times = durations_of(path.moves, durations)
-    places = tuple(sorted(move for cube in certificate.cubes for move in cube))
-    left = tuple(path.moves[place - 1] for place in places)
-    taken = tuple(times[place - 1] for place in places)
-    names = tuple(path.numbered.cube_names(np.array(places, dtype=np.int64) - 1))
-    return TimedPath(left, names, places, taken, earliest([move.action for move in left], taken))
+    places = np.sort(np.fromiter(chain.from_iterable(certificate.cubes), dtype=np.int64)) - 1
+    taken = [times[place] for place in places.tolist()]
+    actions = [path.moves[place].action for place in places.tolist()]
+    return TimedPath(path.numbered, places, taken, earliest(actions, taken))

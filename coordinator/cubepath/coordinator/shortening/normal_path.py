@@ -1,7 +1,7 @@
 """Shortening a path: its normal cube path, from its file and nothing else.
 
-The heap of pieces is built here, once for each path. Cubes, certificate and timetable are read off
-from what became of each move.
+The heap of pieces is built here, once for each path. Cubes, certificate and timetable are read from
+the level and the partner that each move got.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Shortened:
         """How many cubes any path between the same states has at least, and why.
 
         The cheap bounds of `lower_bound`; `beyond` looks for better ones. 0 where the start is not
-        known, as that of moves of which only support and trace are told.
+        known, as for moves with only a support and a trace.
         """
         start = self.given.start
         if start is None:
@@ -157,7 +157,7 @@ def shortened(given: PathInput) -> Shortened:
     """Return the normal cube path of a path that has been read."""
     began = time.perf_counter()
     numbered = given.numbered
-    found = normal_form_of(numbered.numbers, numbered.supports)
-    left = NumberedCubes(*cubes_of(found, numbered.numbers, numbered.supports))
+    found = normal_form_of(numbered)
+    left = cubes_of(found, numbered)
     seconds = given.seconds + time.perf_counter() - began
     return Shortened(given, found, left, round(seconds, 3))

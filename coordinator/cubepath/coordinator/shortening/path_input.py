@@ -1,7 +1,7 @@
 """Reading a path from a file: a recording, a moves file, a scenario or another program's plan.
 
-The file is opened once and checked as far as possible before it is used. Every part of a command
-takes what is read here, and none goes back to the file.
+The file is opened once and checked as far as possible before it is used. All parts of a command
+share what is read here, and none goes back to the file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.protocol.core.actions import Action, why_inadmissible
@@ -31,6 +31,9 @@ from cubepath.protocol.path_files.numbered import (
     read_path,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
 
 
 @runtime_checkable
@@ -106,6 +109,11 @@ class PathInput:
         """The moves in order."""
         return tuple(self.numbered.moves())
 
+    @cached_property
+    def touched(self) -> frozenset[Site]:
+        """The sites of the supports of all moves."""
+        return frozenset[Site]().union(*(action.support for action in self.numbered.actions))
+
 
 def read_input(
     source: Source,
@@ -131,13 +139,35 @@ def input_of(played: HasPath, progress: Progress | None = None) -> PathInput:
     began = time.perf_counter()
     source = Path(played.scene.spec)
     path = number_placements(played.scene.system, played.placed)
-    numbered = carried_out(path, played.scene.start_state)
-    if isinstance(numbered, InadmissibleMove):
-        why = why_inadmissible(path.each_action[numbered.move], numbered.state)
-        raise InputError(f"{source}: path[{numbered.move}]: {why}")
+    numbered = _admissible(path, played.scene, f"{source}: path")
     if progress is not None:
         progress(len(numbered.numbers))
     return PathInput(source, "path", numbered, time.perf_counter() - began, played.scene)
+
+
+def starts_to_compare(
+    one: PathInput, other: PathInput
+) -> tuple[frozenset[Site] | None, frozenset[Site] | None]:
+    """Return the starts of two paths, as far as both paths tell of the same sites.
+
+    Without a scene only of sites that moves of both touch is it known whether they are on.
+    """
+    first, second = one.start, other.start
+    if first is None or second is None:
+        return None, None
+    if one.given_scene is not None and other.given_scene is not None:
+        return first, second
+    common = one.touched & other.touched
+    return first & common, second & common
+
+
+def _admissible(path: NumberedPath, scene: Scene | None, name: str) -> NumberedPath:
+    """Return the path carried out from the start; InputError names the first misfit."""
+    found = carried_out(path, None if scene is None else scene.start_state)
+    if isinstance(found, InadmissibleMove):
+        why = why_inadmissible(path.each_action[found.move], found.state)
+        raise InputError(f"{name}[{found.move}]: {why}")
+    return found
 
 
 class _Reading:
@@ -198,32 +228,35 @@ class _Reading:
         )
 
     def _of_recording(self, form: FileForm) -> PathInput:
-        from cubepath.coordinator.shortening.recorded_path import recorded_path  # noqa: PLC0415
+        from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
 
         path = self._file.path
         if self._system is not None:
             raise InputError(
                 f"{path}: a recording, which says itself what its system is: expected no --system"
             )
-        found = recorded_path(form.read(self._file))
+        recording: Recording = form.read(self._file)
+        found = gathered_in_full(recording)
+        if found.unfinished is not None:
+            raise InputError(f"{path}: {found.unfinished}")
+        try:
+            numbered = found.checked_path()
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
         if self._progress is not None:
-            self._progress(len(found.numbered.numbers))
+            self._progress(len(numbered.numbers))
         return PathInput(
             path,
             form.name,
-            found.numbered,
+            numbered,
             self._seconds,
-            found.scene,
-            step_name=found.step_name,
-            step_sizes=found.step_sizes,
+            recording.scene,
+            step_name="level" if recording.clock == "free" else "round",
+            step_sizes=found.sizes,
         )
 
     def _binary(self, form: FileForm, scene: Scene | None) -> NumberedPath:
-        found: NumberedPath = form.read(self._file)
-        checked = carried_out(found, None if scene is None else scene.start_state)
-        if isinstance(checked, InadmissibleMove):
-            reason = why_inadmissible(found.actions[found.numbers[checked.move]], checked.state)
-            raise InputError(f"{self._file.path}: moves[{checked.move}]: {reason}")
+        checked = _admissible(form.read(self._file), scene, f"{self._file.path}: moves")
         if self._progress is not None:
             self._progress(len(checked.numbers))
         return checked

@@ -1,13 +1,11 @@
 """Faults of a simulated wire: what can happen, and where it is decided that it does.
 
 A fault has a place and a count: the 12th message on the way up from process_1, the 40th message
-that the coordinator takes. So a list of faults means the same when other faults are taken away, and
-a failing run can be shrunk.
+that the coordinator takes. So a list of faults means the same when you remove some of them, and a
+failing run can be shrunk.
 
-Faults of runs without rounds: at any time and place, until they are over.
-
-Nothing ends such a run, so what happens may take as long as it likes; after the faults every
-process is back, or gone for good.
+In runs without rounds a fault happens at any time and place, up to a last one. Nothing ends such a
+run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
 from __future__ import annotations
@@ -137,7 +135,7 @@ class ListedFaults:
         return self._faults.get((ROUTER, nth))
 
     def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return the listed lie, if there is one and it can be told here."""
+        """Return the listed lie, if there is one and it fits here."""
         found = self._faults.get((where, nth))
         return found if found is not None and found.kind in kinds else None
 
@@ -265,7 +263,7 @@ FREE_KINDS = (
     "partition",
 )
 """Beside those of a run with rounds: a link is slow for a while; a process is killed after it has
-written, and before it has said, what follows from a message, or while it writes that; a module
+written, and before it has sent, what follows from a message, or while it writes that; a module
 process leaves, and perhaps comes back, or comes late; some processes do not hear the others."""
 _HOPS: Mapping[str, tuple[float, float]] = {
     "delay": (0.003, 0.3),

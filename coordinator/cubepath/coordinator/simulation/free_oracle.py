@@ -1,12 +1,9 @@
 """What must hold at every moment of a run without rounds, whatever happens to its processes.
 
-It is shown every record of every journal, as soon as that is sure to stay, and everything that is
-put on the wire; it shares no code with keepers and modules.
-
-The state of a run without rounds, from its commits alone, in plain dictionaries.
-
-Commits come in the order in which they are logged, which is a legal path; each is checked against
-all that came before.
+It receives every record of every journal once that record is sure to stay, and everything that is
+put on the wire. It shares no code with keepers and modules, and keeps the state of the run in plain
+dictionaries, from the commits alone. Commits arrive in the order in which they are logged, which is
+a legal path; each is checked against all earlier ones.
 """
 
 from __future__ import annotations
@@ -16,7 +13,7 @@ from typing import TypeAlias
 
 from cubepath.agents.keepers.journal import Committed, Decided, JoinedRecord, Prepared, Record
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -120,17 +117,15 @@ class FreeState:
         module = attempt.module
         who = f"attempt {attempt.number} of module_{module} in epoch {attempt.epoch}"
         same("epoch", f"{who} is committed, epoch", attempt.epoch, self.epoch[module])
-        same("place", f"{who}, site", site_from_json(attempt.site), self.site[module])
-        for unit, expected in attempt.sensed:
-            at = site_from_json(unit)
-            on = None if expected is None else site_from_json(expected)
+        same("place", f"{who}, site", attempt.site, self.site[module])
+        for at, on in attempt.sensed:
             same("sensed", f"{who}, what is on at {at!r}", self.shows(at), on)
         for place, expected, _ in attempt.notes:
-            here = self.at.get(site_from_json(place))
+            here = self.at.get(place)
             held = () if here is None else self.note[here]
             same("register", f"{who}, register at {place!r}", held, tuple(expected))
         for unit, version, reads in attempt.after:
-            found = self.unit(site_from_json(unit))
+            found = self.unit(unit)
             same("after", f"{who}, {unit!r}", (found[0], found[2]), (version, reads))
         move = None
         if attempt.generator is not None:
@@ -142,7 +137,7 @@ class FreeState:
         self._change(attempt, moved, move, who)
 
     def _move(self, attempt: Attempt, who: str) -> Move:
-        site, at = self.site[attempt.module], site_from_json(attempt.at)
+        site, at = self.site[attempt.module], attempt.at
         for move in self.system.moves_at(site):
             if move.generator == attempt.generator and move.at == at:
                 if not move.possible(self.on):
@@ -160,13 +155,13 @@ class FreeState:
 
         writes = units(action.trace)
         reads = units(action.support) - writes
-        guards = {site_from_json(unit) for unit, _ in attempt.sensed} - reads - writes
+        guards = {unit for unit, _ in attempt.sensed} - reads - writes
         known = {unit: self.unit(unit) for unit in (*reads, *writes, *guards)}
-        found = {site_from_json(unit): version for unit, version in moved.read}
+        found = dict(moved.read)
         same("versions", f"{who}, reads", found, {unit: known[unit][0] for unit in reads})
-        found = {site_from_json(unit): version for unit, version in moved.guarded}
+        found = dict(moved.guarded)
         same("guards", f"{who}, guards", found, {unit: known[unit][0] for unit in guards})
-        wrote = {site_from_json(unit): (version, n) for unit, version, n in moved.written}
+        wrote = {unit: (version, n) for unit, version, n in moved.written}
         expected = {unit: (known[unit][0], known[unit][2]) for unit in writes}
         same("versions", f"{who}, writes", wrote, expected)
         before = [known[unit][1] for unit in (*reads, *writes)]
@@ -182,22 +177,19 @@ class FreeState:
             self.places[place] = self.places.get(place, 0) + 1
 
     def _change(self, attempt: Attempt, moved: Commit, move: Move | None, who: str) -> None:
-        """Move what is taken along, and write registers; what is said of both must agree."""
+        """Move what is taken along, and write registers; what is recorded of both must agree."""
         place_of = self.system.place_of
         written = {
             self.at[place]: tuple(new)
             for at, _, new in attempt.notes
-            for place in (site_from_json(at),)
+            for place in (at,)
             if new is not None and place in self.at
         }
-        noted = [self.at.get(site_from_json(at)) for at, _, _ in attempt.notes]
+        noted = [self.at.get(at) for at, _, _ in attempt.notes]
         taken = [] if move is None else [(self.at[place_of(a)], a, b) for a, b in move.motion]
         for module in {*written, *(module for module, _, _ in taken)}:
             self.version[module] += 1
-        motion = [
-            (module, site_from_json(a), site_from_json(b), version)
-            for module, a, b, version in moved.motion
-        ]
+        motion = [(module, a, b, version) for module, a, b, version in moved.motion]
         expected = [(module, a, b, self.version[module]) for module, a, b in taken]
         same("motion", f"{who}, motion", motion, expected)
         gone = {place_of(a) for _, a, _ in taken}
@@ -210,7 +202,7 @@ class FreeState:
             self.site[module] = target
         self.note.update(written)
         registers = {
-            module: (site_from_json(at), version, None if new is None else tuple(new))
+            module: (at, version, None if new is None else tuple(new))
             for at, module, version, new in moved.notes
         }
         same(
@@ -313,7 +305,7 @@ class Oracle:
         else:
             self._refused.setdefault(name, {})[keeper] = decision.reason
 
-    # What is said.
+    # Outgoing messages.
 
     def said(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
         """Take what is put on the wire."""
@@ -356,7 +348,7 @@ class Oracle:
             raise OracleError("rule", f"module_{turn.module}: {turn.failed}")
         where = self.state.sites.get((turn.module, turn.version))
         what = f"module_{turn.module} in version {turn.version} believes to be at"
-        same("turn", what, site_from_json(turn.site), where)
+        same("turn", what, turn.site, where)
         if turn.number is not None and turn.number > 1:
             before = turn.module, turn.epoch, turn.number - 1
             if before not in self._committed and before not in self._refused:
@@ -370,13 +362,7 @@ class Oracle:
         same(
             "entered",
             f"what module_{module} is told",
-            (
-                site_from_json(entered.site),
-                held.incarnation,
-                held.epoch,
-                held.version,
-                tuple(held.note),
-            ),
+            (entered.site, held.incarnation, held.epoch, held.version, tuple(held.note)),
             (
                 state.site[module],
                 state.incarnation[module],
@@ -387,7 +373,7 @@ class Oracle:
         )
 
     def _decision(self, keeper: int, decision: Decision) -> None:
-        """Check what a module is told against what was logged; of a dead epoch it may be less."""
+        """Check what a module receives against what was logged; of a dead epoch it may be less."""
         name = _name(decision)
         if decision.commit is not None:
             same("told", _what(name), decision, self._committed.get(name))
@@ -400,7 +386,7 @@ class Oracle:
             raise OracleError("told", f"{why}; its log does not say so")
 
     def _passed(self, keeper: int, decision: Decision) -> None:
-        """Check what a keeper is told; who knows better takes no note."""
+        """Check what a keeper receives; who knows better takes no note."""
         name = _name(decision)
         if decision.commit is not None:
             same("passed", _what(name), decision, self._committed.get(name))
@@ -411,11 +397,11 @@ class Oracle:
 
     def _shown(self, parts: Iterable[PlaceState]) -> None:
         for part in parts:
-            place = site_from_json(part.place)
+            place = part.place
             found = self.state.shown.get((place, part.version, part.module_version))
             if found is None and not part.version and not part.module_version:
                 found = None, None, ()  # nobody has been there
-            site = None if part.site is None else site_from_json(part.site)
+            site = part.site
             same(
                 "shown", f"what is shown of {place!r}", (site, part.module, tuple(part.note)), found
             )
@@ -436,11 +422,11 @@ class Oracle:
         place_of, tiles = self.state.system.place_of, self._tiles
         labels = self.state.system.labels is not None
         expected = {
-            unit: (version, level, reads, to_json(self.state.shows(unit)))
+            unit: (version, level, reads, self.state.shows(unit))
             for unit, (version, level, reads, _) in self.state.units.items()
             if tiles.keeper_of(unit if labels else place_of(unit)) == tail.keeper
         }
-        found = {site_from_json(unit): tuple(rest) for unit, *rest in tail.units}
+        found = {unit: tuple(rest) for unit, *rest in tail.units}
         if (tail.serial, found) == (len(self.commits[tail.keeper]), expected):
             return None
         what = f"keeper_{tail.keeper} tells of {tail.serial} commits, and units {found!r}"

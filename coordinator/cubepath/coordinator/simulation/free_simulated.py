@@ -1,15 +1,12 @@
 """One simulated run without rounds: its nodes on a simulated wire, and what must hold throughout.
 
-A run has faults first. When they are over it must go on: to its goal, or for some more moves. Then
-no more attempts are let through, and everything must come to rest, with all that modules sense as
-it is.
+A run has faults first. When they are over it must make progress: to its goal, or for some more
+moves. Then no more attempts are let through, and everything must come to rest, with everything that
+modules sense up to date.
 
-The coordinator of a simulated run without rounds, as a node: it gathers, and decides nothing.
-
-It asks keepers for what they have committed again and again, as that of a run over zenoh does.
-
-Its journals survive their keeper, but for what was being written; every record is shown to whoever
-checks the run, once it is sure to stay.
+Its coordinator is a node that gathers and decides nothing; like that of a run over zenoh, it keeps
+asking keepers for what they have committed. Journals survive their keeper, except for a record that
+was being written. The oracle receives every record once it is sure to stay.
 """
 
 from __future__ import annotations
@@ -198,12 +195,12 @@ MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
 """Makes a keeper; tests give some with a bug in them."""
 
 MORE_MOVES = 20
-"""So many moves a run without a goal must have after its faults."""
+"""This many moves a run without a goal must have after its faults."""
 _STEPS_MAX = 400_000
 _ON_US, _REST_US = 240 * SECOND_US, 120 * SECOND_US
 """How long a run may take after its faults, and until it is at rest."""
 _STUCK_US = 20 * SECOND_US
-"""Where the dead may be in the way, a run that stands still for so long is blocked."""
+"""Where dead modules may be in the way, a run that stands still for this long is blocked."""
 _JITTER = 0.5
 
 Phase = Literal["faults", "on", "rest"]

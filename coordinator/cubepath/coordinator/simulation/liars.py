@@ -1,8 +1,8 @@
-"""Liars: processes of a simulated run that say what is not so, and how each kind of lie is told.
+"""Liars: processes of a simulated run that send false messages, and how each lie is detected.
 
-A liar has the node of an honest process; what that puts is changed on its way to the wire. The same
-message is changed in the same way whenever it is repeated. A liar speaks in its own name alone, as
-routers see to that, so it puts on no key of another.
+A liar has the node of an honest process; its messages are changed on their way to the wire. The
+same message is changed in the same way whenever it is repeated. A liar speaks only in its own name,
+as routers ensure, so it publishes on no key of another.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from msgspec.structs import replace
 
 from cubepath.coordinator.simulation.faults import SAYS, Fault, Faults
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import (
@@ -59,7 +58,7 @@ class Liar:
         counts: Counter[str],
         tell: _Tell,
     ) -> None:
-        """Lie in the name of this process; `counts` goes on when the process comes back."""
+        """Lie in the name of this process; `counts` continues when the process comes back."""
         self._node = node
         self._name = name
         self._run = run
@@ -81,7 +80,7 @@ class Liar:
         return self._changed(self._node.receive(key, data))
 
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""
         return self._changed(self._node.tick())
 
     def _changed(self, effects: list[Effect]) -> list[Effect]:
@@ -192,7 +191,7 @@ class Liar:
                 move = self._move(part.site, random)
                 return Claim(part.round, part.module, part.site, move.generator, move.at)
             case Verdict(granted=granted, to=to), "lie-verdict":
-                other = self._scene.system.place_of(site_from_json(self._site(random)))
+                other = self._scene.system.place_of(self._site(random))
                 turned = random.randrange(3) > 0
                 return replace(
                     part, granted=granted ^ turned, to=to if turned else [other, *to[1:]]
@@ -233,16 +232,14 @@ class Liar:
         return random.choice([site, *targets])
 
     def _move(self, site: object, random: Random) -> GeneratorPlacement:
-        moves = [
-            move for move in self._scene.system.moves(site_from_json(site)) if move is not None
-        ]
+        moves = [move for move in self._scene.system.moves(site) if move is not None]
         if not moves:
             return GeneratorPlacement("none", 0)
         move = random.choice(moves)
         return GeneratorPlacement(move.generator, move.at)
 
     def _target(self, site: object, placed: GeneratorPlacement) -> object:
-        moves = self._scene.system.moves(site_from_json(site))
+        moves = self._scene.system.moves(site)
         named = (move for move in moves if move is not None and move.generator == placed.generator)
         return next((move.target for move in named if move.at == placed.at), site)
 

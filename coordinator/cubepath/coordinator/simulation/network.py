@@ -1,11 +1,11 @@
 """A simulated wire: nodes in processes, one router, links with delays and faults, virtual time.
 
-One thread and a heap of events, ordered by time and then by a number; nothing depends on the clock,
-a hash or the order of a set. A message goes from its putter to the router and from there to every
-listener but the putter. Links keep the order of messages unless a fault says otherwise.
+One thread processes a heap of events, ordered by time and then by a number; nothing depends on the
+clock, a hash or the order of a set. A message travels from its sender to the router and from there
+to every listener but the sender. Links keep the order of messages unless a fault changes it.
 
-What happens is kept in order as a trace, from which pictures are drawn: the same seed gives the
-same trace.
+Events are kept in order as a trace, from which pictures are drawn: the same seed gives the same
+trace.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ RECONNECT_US = 10_000
 """How long it takes at most until a process finds the router that is back."""
 EVERYTHING = "/**"
 CUTS = ("cut", "torn", "leave")
-"""Faults that end a process after it has taken a message: before it has said all that follows,
+"""Faults that end a process after it has taken a message: before it has sent all that follows,
 before it has written all of it, or after both."""
 STANDING = ("pause", "slow", "stall")
 """Faults that a process survives."""
@@ -90,7 +90,7 @@ returns whether there was any."""
 Through: TypeAlias = Callable[[str, Put], "Put | None"]
 """Is shown what the process of a name puts; returns what goes onto the wire instead of it."""
 Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
-"""Told of the number of a process that has died, from 0, and the error; None for a signal."""
+"""Called with the number of a process that has died, from 0, and the error; None for a signal."""
 
 
 class EndlessRun(Exception):  # noqa: N818 - named for what happened
@@ -195,7 +195,7 @@ class SimulatedNetwork:
         self._take(process, lambda _: process.node.start(), None)
 
     def on_death(self, died: Died) -> None:
-        """Let the first process be told when another has died; those after it count from 0."""
+        """Notify the first process when another has died; those after it count from 0."""
         self._died = died
 
     @property
@@ -213,7 +213,7 @@ class SimulatedNetwork:
         self._through, self._after = through, after
 
     def lied(self, name: str, fault: Fault) -> None:
-        """Take note that a process has told a lie."""
+        """Note that a process has told a lie."""
         self.fired.append(fault)
         self._remark(name, fault.kind.replace("-", "s: ", 1))
 
@@ -301,7 +301,7 @@ class SimulatedNetwork:
     def _cut_short(
         self, process: SimulatedProcess, cut: Fault, effects: list[Effect]
     ) -> tuple[Fault | None, list[Effect]]:
-        """Return what still comes of a step; and the fault, if there is anything that it cuts."""
+        """Return what follows from a step; and the fault, if there is anything that it cuts."""
         number = self._noise(process.number, process.taken)
         if cut.kind == "cut":
             return cut, effects[: number % (len(effects) + 1)]

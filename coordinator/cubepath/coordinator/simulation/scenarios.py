@@ -1,7 +1,7 @@
-"""What a seed stands for: a system, a rule, modules in processes, and the rounds that they have.
+"""What a seed stands for: a system, a rule, processes with modules, and a number of rounds.
 
-Instances are small, so that a run takes some hundredths of a second; one in twenty is larger.
-Under the free clock there are keepers as well.
+Instances are small, so that a run takes some hundredths of a second; one in twenty is larger. Under
+the free clock there are keepers as well.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _TO_GOAL, _TO_GOAL_LARGE = 1000, 150
 _HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
 
 Instance = Callable[[int, Random], str]
-"""Returns the spec of a scene with about so many modules."""
+"""Returns the spec of a scene with about this many modules."""
 
 
 def _chain(name: str) -> Instance:
@@ -244,7 +244,7 @@ _FREE_SMALL = (3, 4, 5, 6, 7, 8)
 _KEEPERS = (2, 3, 3, 4, 5, 6)
 _FREE_HESITATE = (0.0, 0.0, 0.0, 0.1, 0.5)
 _ALONE = 0.8
-"""How probable it is that each module has a process of its own."""
+"""The probability that each module has a separate process."""
 _FACTORS = (0.0, 0.0, 0.0, 1.0, 3.0, 10.0, 40.0)
 """How slowly modules think."""
 _MOVES, _LONG_S = (5, 40), (0.5, 20.0)
@@ -283,7 +283,7 @@ class FreeScenario:
     factors: tuple[float, ...]
     """How slowly modules think, in turn."""
     moves: int
-    """After so many moves there are no more faults."""
+    """After this many moves there are no more faults."""
     long_us: int
     """After this time, too."""
     files: bool

@@ -1,7 +1,7 @@
 """A picture of a simulated run: processes as lifelines, messages as arrows, faults marked.
 
-Time goes down. Where nothing happens for long the axis is broken, so that a second of waiting takes
-no more room than a message. matplotlib is imported when something is drawn.
+Time runs downwards. Where nothing happens for long the axis is broken, so that a second of waiting
+takes no more room than a message. matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""One simulated run: the nodes of a run on a simulated wire, and what must hold of what they did.
+"""One simulated run: the nodes of a run on a simulated wire, and what must hold of the result.
 
-A run without faults is played in the environment as well, in one process and by other code: the
-edge path must be the same, and of a run that was ended by a fault it must be the beginning of that.
-The recording of every run must pass `verify`. Its coordinator is one node, which does what a run
-over zenoh does between the pacing node and the conductor.
+A run without faults is also played in the environment, in one process and by other code: the edge
+path must be the same. If a fault ended the run, its path must be the beginning of that one. The
+recording of every run must pass `verify`. The coordinator is one node, which does what pacing node
+and conductor do in a run over zenoh.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cubepath.coordinator.simulation.network import EndlessRun, NodeError, Simul
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
@@ -47,9 +47,9 @@ class Coordinator:
     """Paces the processes round by round until the run has come to its end."""
 
     def __init__(self, pacer: Pacer, conductor: Conductor, record: Keeps) -> None:
-        """Begin; `record` is given what belongs on record."""
+        """Begin; `record` is given what belongs in the recording."""
         self.ending: RunEnd | None = None
-        """How the run has ended; None while it goes on."""
+        """How the run has ended; None while it continues."""
         self._pacer = pacer
         self._conductor = conductor
         self._record = record
@@ -63,7 +63,7 @@ class Coordinator:
         return self._guarded(lambda: self._pacer.receive(key, data))
 
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""
         return self._guarded(self._pacer.tick)
 
     def died(self, process: int, error: CubepathError | None) -> list[Effect]:
@@ -355,7 +355,7 @@ class _Run:
         """Compare a round of the edge path with that of a run without faults."""
         if edges.round > len(self._expected):
             return Failure("path", f"round {edges.round} is one more than without faults")
-        found = [(move.module, move.generator, site_from_json(move.at)) for move in edges.moves]
+        found = [(move.module, move.generator, move.at) for move in edges.moves]
         expected = self._expected[edges.round - 1]
         if found == expected:
             return None
@@ -394,7 +394,7 @@ class _Run:
         return None
 
     def _accused(self) -> Failure | None:
-        """Check that nobody who has not lied is said to have."""
+        """Check that no honest process is named as a liar."""
         for record in self._records:
             message = decode(record.data) if record.kind == "refused" else None
             if not isinstance(message, Refused) or message.reason in _OF_THE_WIRE:

@@ -1,9 +1,10 @@
-"""Many seeds, each a run with faults of its own: what came of them, and the failing ones kept.
+"""Many seeds, each a run with its own faults: the results, with failing runs shrunk and kept.
 
-A failing run is made small: fewer modules, fewer rounds and fewer faults, as long as it fails so.
-The faults of a run are a list, so taking one away leaves the others where they are: first halves of
-the list are tried, then smaller parts (delta debugging, Zeller, 1999). What is left is written as a
-recording, with a picture of its messages. Runs with rounds and without have seeds of their own.
+A failing run is shrunk: fewer modules, fewer rounds and fewer faults, as long as it fails in the
+same way. The faults of a run are a list, so removing one leaves the others where they are: first
+halves of the list are removed, then smaller parts (delta debugging, Zeller, 1999). The shrunk run
+is written as a recording, with a picture of its messages. Runs with rounds and without have
+separate seeds.
 """
 
 from __future__ import annotations
@@ -325,7 +326,7 @@ class FreeSwarm:
         return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
 
     def write(self, _run: FreeSimulatedRun, log: Path, _why: str) -> bool:
-        """Write no recording, only make the folder: what was said is in the picture."""
+        """Write no recording, only make the folder: the messages are in the picture."""
         log.parent.mkdir(parents=True, exist_ok=True)
         return False
 
@@ -369,7 +370,7 @@ class KeptRun:
 
 @dataclass(slots=True)
 class SeedTally:
-    """What came of the seeds so far."""
+    """The results of the seeds so far."""
 
     simulator: Simulator = field(default_factory=LockstepSwarm)
     seeds: int = 0

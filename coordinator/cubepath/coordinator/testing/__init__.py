@@ -1,7 +1,7 @@
-"""For the tests of others: links that lose messages, conditions, assertions on the log, pytest.
+"""For your tests: links that lose messages, conditions, assertions on the log, pytest fixtures.
 
-It stands on `runs`, `simulation` and `shortening`. The plugin for pytest is here too; it imports
-nothing of all this before a fixture is asked for. Users import from this package.
+It is built on `runs`, `simulation` and `shortening`. The plugin for pytest is here too; it imports
+none of these before a fixture is used. Import from this package.
 """
 
 from cubepath.protocol.faces import lazy_face

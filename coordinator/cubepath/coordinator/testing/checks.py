@@ -1,6 +1,6 @@
-"""What a test asks for is checked where it asks: what could never happen is refused in one line.
+"""Checks of a test's requests: one that can never be met is refused in one line.
 
-Otherwise a fault with a name that is misspelt never happens, and the test is green.
+Otherwise a fault with a misspelt name never happens, and the test passes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cubepath.protocol.core.formatting import did_you_mean
 def check_name(what: str, name: object, known: Iterable[str]) -> str:
     """Return a name that is known; InputError with the nearest one if it is not.
 
-    `what` is told before it, as ``phase=``.
+    `what` stands before it in the error, as ``phase=``.
     """
     names = list(known)
     if isinstance(name, str) and name in names:

@@ -1,6 +1,6 @@
-"""Commands of others in processes of their own, that end with the test whatever happens.
+"""Your commands in separate processes, which end with the test whatever happens.
 
-Each runs under a `ward`, which ends it with all that it has started.
+Each runs under a `ward`, which ends it together with everything it started.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _END_S_MAX = 10.0
 _LINES_SHOWN = 10
 _STDERR_MAX = 1 << 14
 LINES_MAX = 10_000
-"""So many lines that a command wrote last are kept, of each stream."""
+"""The number of last lines of a command that are kept, of each stream."""
 LINE_BYTES_MAX = 1 << 13
 """A longer line is kept as several."""
 
@@ -56,7 +56,7 @@ def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Po
 
 
 class Guard:
-    """A ward without a command: it ends what it is told to watch if this process is killed."""
+    """A ward without a command: it ends everything it watches if this process is killed."""
 
     def __init__(self) -> None:
         """Start it."""
@@ -120,7 +120,7 @@ class _Lines:
 
 
 class Command:
-    r"""A command in a process of its own, as a context manager that ends it.
+    r"""A command in a separate process, as a context manager that ends it.
 
     Of what it writes the last 10,000 lines of each stream are kept, those of more than 8192 bytes
     as several.
@@ -211,7 +211,7 @@ class Command:
         """Wait for a line, of either stream, in which a pattern is found; return the match.
 
         With `again` the line has to come after the one that was found last. CheckError with what it
-        said instead if it ends or the time is over before.
+        printed instead if it ends or the time is over before.
         """
         deadline = time.monotonic() + timeout_s
         with self._told:

@@ -1,6 +1,6 @@
-"""What the fixtures of the plugin for pytest give to a test, and what they do when it is over.
+"""What the fixtures of the pytest plugin give to a test, and what they do when it is over.
 
-The plugin imports this when a fixture is asked for.
+The plugin imports this when a fixture is used.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ class RunFixture:
     ) -> RunUnderTest:
         """Start a run; the arguments are those of `RunUnderTest`.
 
-        The seed is that of the test, and the recording goes to its folder, unless told otherwise,
-        as by a `Plan`.
+        The seed is that of the test, and the recording goes to its folder, unless a `Plan` or an
+        argument says otherwise.
         """
         __tracebackhide__ = True
         given: dict[str, Any] = {**self._defaults, "links": links, "commands": commands, **options}
@@ -122,7 +122,7 @@ class SimulateFixture:
     def __init__(
         self, places: RecordingFolder, seed: int, defaults: Mapping[str, Any] | None = None
     ) -> None:
-        """Simulate with this seed and these options of `trial_of` unless told otherwise.
+        """Simulate with this seed and these options of `trial_of` by default.
 
         Of the defaults, options that only runs in processes have are left out.
         """
@@ -169,7 +169,7 @@ class ReplayFixture:
     """The fixture ``cubepath_replay``: puts a recording into the code under test."""
 
     def __init__(self, timeout_s: float, places: RecordingFolder) -> None:
-        """Wait so long for commands and for phases of runs unless told otherwise."""
+        """Wait this long for commands and for phases of runs by default."""
         self._timeout_s = timeout_s
         self._places = places
         self._told: list[str] = []
@@ -208,7 +208,7 @@ class ReplayFixture:
     ) -> RunLog:
         """Go on from a round with another rule, in a new run; as `other_rule`.
 
-        Its recording goes to the folder of the test, unless told otherwise.
+        Its recording goes to the folder of the test by default.
         """
         __tracebackhide__ = True
         given = self._of_a_run(options)

@@ -1,12 +1,11 @@
-"""A link between one process and the router of a run, that a test can cut, slow down and falsify.
+"""A link between one process and the router of a run, which a test can cut, slow down and falsify.
 
-At its far end is a session that is a router, at a socket of its own, where the process connects; at
-its near end a client of the router of the run, with the credentials of the process. Messages,
+At its far end is a session that acts as a router, at its own socket, where the process connects. At
+its near end is a client of the router of the run, with the credentials of the process. Messages,
 liveliness tokens and queries pass in both directions, each in its order, through the rules of the
-link. Neither the process nor the router knows of it.
+link. Neither the process nor the router notices the link.
 
-One direction of a link: messages in their order, through rules, from one session to another.
-
+One direction of a link carries messages in their order, through rules, from one session to another.
 Zenoh's callbacks only enqueue; a thread does the work.
 """
 
@@ -42,7 +41,7 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
-"""So many messages wait in a direction at most."""
+"""At most this many messages wait in a direction."""
 _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""
 _PUBLISHERS_MAX = 512
@@ -398,8 +397,8 @@ class LinkProxy:
     def cut(self, *, keep: bool = False) -> None:
         """Let nothing through in either direction.
 
-        What is said meanwhile is lost, or if kept comes when the link is healed. Who is alive, and
-        questions, are kept in both cases: nobody is told that the link is cut.
+        Messages sent meanwhile are lost or, if kept, arrive when the link is healed. Who is alive,
+        and questions, are kept in both cases: neither side is notified that the link is cut.
         """
         self.up.cut = self.down.cut = "kept" if keep else "lost"
         for lane in (self.up, self.down):

@@ -1,7 +1,7 @@
-"""The log of a run as a test asks it: what was said, who claimed what when, and what must hold.
+"""The log of a run as a test queries it: what was sent, who claimed what when, what must hold.
 
 What must hold is derived by `auditing` and `verification`, which share nothing with the run. A
-failure tells where, with the messages around that place.
+failure names the place and shows the messages around it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -42,7 +41,7 @@ _MESSAGE = re.compile(r"\bmessage (\d+) \(")
 
 @dataclass(frozen=True, slots=True)
 class ClaimOutcome:
-    """A claim of a module, and what came of it.
+    """A claim of a module, and its result.
 
     `round` is that of the claim; without rounds it is the level of the move, and None if there was
     none. `why` says why it was refused, in runs without rounds.
@@ -51,7 +50,7 @@ class ClaimOutcome:
     round: int | None
     module: int
     generator: str
-    at: Json
+    at: Site
     result: Result
     why: str = ""
 
@@ -63,7 +62,7 @@ class ExecutedMove:
     round: int
     module: int
     generator: str
-    at: Json
+    at: Site
 
 
 class RunLog:
@@ -113,11 +112,11 @@ class RunLog:
         """Whether the modules are at the goal."""
         return self.gathered.reached
 
-    # What was said.
+    # Messages.
 
     @cached_property
     def all_deliveries(self) -> tuple[WireMessage, ...]:
-        """All that is on record in order, as it was on the wire: parts are not taken apart.
+        """All that is recorded in order, as it was on the wire: parts are not taken apart.
 
         The order is that in which the coordinator heard them. Of processes that say something in
         one phase, or without rounds at all, it says nothing of who was first.
@@ -134,7 +133,7 @@ class RunLog:
         They are decoded, as `cubepath.protocol` has them. A message that a module sends, such as a
         `Claim`, is there once, however many deliveries carry it; so the same run has the same
         messages of modules in any number of processes. Kinds that belong to processes, such as
-        ``said`` and ``ready``, come as they were on the wire. InputError for an unknown kind.
+        ``bundle`` and ``ready``, come as they were on the wire. InputError for an unknown kind.
         """
         wanted = pattern_of(what, **pattern)
         found: dict[object, Any] = {}
@@ -187,7 +186,7 @@ class RunLog:
         round: int | None = None,  # noqa: A002 - the word of all messages
         result: Result | None = None,
     ) -> list[ClaimOutcome]:
-        """Return who claimed what when, and what came of it, in the order of the log.
+        """Return who claimed what when, with the results, in the order of the log.
 
         Without rounds an attempt to move is a claim, and one that was refused is lost. InputError
         for a module that is not there, or another result.
@@ -259,7 +258,7 @@ class RunLog:
         return audit(self.recording)
 
     def assert_legal(self, rules: Collection[str] = ()) -> None:
-        """Check that everything on record is as it must be: as ``cubepath verify`` does.
+        """Check that everything in the recording is as it must be: as ``cubepath verify`` does.
 
         Every move was admissible and claimed, what was done at one time commutes, everyone heard
         what they should, and chose as their rule says. A rule in a file is asked again if `rules`

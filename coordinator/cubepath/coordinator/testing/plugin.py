@@ -1,7 +1,7 @@
 """The plugin for pytest: fixtures, seeds by parametrisation, and recordings in the report.
 
-Named by the entry point ``pytest11``, so it is imported by every pytest where cubepath is
-installed: it imports nothing but pytest before a fixture is asked for.
+The entry point ``pytest11`` names it, so every pytest imports it where cubepath is installed: it
+imports nothing but pytest before a fixture is used.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SEED = "cubepath_seed"
 MARKER = "cubepath"
 _TIMEOUT_S = 30.0
 _TOLD = pytest.StashKey[list[Any]]()
-"""Those that tell of recordings when a test fails."""
+"""Those that name recordings when a test fails."""
 SEEDS_MAX = 100_000
 """A test is called no more often."""
 _OURS = re.compile(r"cubepath\.(protocol|agents|coordinator)\b|contextlib$")
@@ -154,7 +154,7 @@ def _marked_seeds(item: pytest.Item) -> list[int] | None:
 
 
 def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
-    """Take our frames from an error that is told in one line; return it if no frame is left.
+    """Remove our frames from an error that is printed as one line; return it if no frame is left.
 
     What is wrong is in the test, and the line says what; ``--full-trace`` and ``--pdb`` show all
     frames.
@@ -171,7 +171,7 @@ def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
 
 
 def _keeps_theirs(error: BaseException) -> bool:
-    """Take our frames from an error and what it came of; return whether the test's are in it."""
+    """Remove our frames from an error and its causes; return whether the test's are in it."""
     if error.__cause__ is not None:
         _keeps_theirs(error.__cause__)
     found, left, theirs = error.__traceback__, [], False

@@ -1,4 +1,4 @@
-"""What a test does to the processes of a run: kills, pauses and cuts them off, when it says."""
+"""What a test does to the processes of a run: it kills, pauses and cuts them off on command."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class ProcessFaults(Wire):
         """Kill a process, now, in a round or at a level, or at a message.
 
         A run with rounds ends by that: they tolerate pauses and loss, not death. Without rounds the
-        others go on.
+        others continue.
         """
         name = self.name_of(who)
         return self._do(at, lambda: self._signal(name, signal.SIGKILL))
@@ -113,7 +113,8 @@ class ProcessFaults(Wire):
     def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> PlannedFault:
         """Have a process stand still, for some seconds, or until it is resumed.
 
-        With rounds nobody goes on meanwhile: without `seconds` the next round waits in vain.
+        With rounds no other process continues meanwhile: without `seconds` the next round waits in
+        vain.
         """
         name = self.name_of(who)
         if seconds is not None:
@@ -144,7 +145,7 @@ class ProcessFaults(Wire):
             timer.cancel()
 
     def resume(self, who: Who, at: When = None) -> PlannedFault:
-        """Have a process that was paused go on; no other is changed."""
+        """Have a process that was paused continue; no other is changed."""
         name = self.name_of(who)
 
         def act() -> None:
@@ -164,8 +165,8 @@ class ProcessFaults(Wire):
     ) -> PlannedFault:
         """Cut the link of a process, for some seconds or until it is healed.
 
-        Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
-        comes when the link is healed, as over a connection that outlives the cut.
+        Nothing gets through, and neither side is notified. Messages sent meanwhile are lost; with
+        `keep` it comes when the link is healed, as over a connection that outlives the cut.
         """
         link = self.link_of(self.name_of(who))
         if seconds is not None:
@@ -190,7 +191,7 @@ class ProcessFaults(Wire):
         return self._do(at, act)
 
     def when(self, at: When, act: Callable[[], None]) -> PlannedFault:
-        """Have a function called in a round or at a level, or at a message; it may not go on."""
+        """Have a function called in a round or at a level, or at a message; it may not continue."""
         return self._do(at, act)
 
     def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:

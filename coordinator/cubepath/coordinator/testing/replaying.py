@@ -81,7 +81,7 @@ def _on_wire(seen: WireMessage, run: str) -> WireMessage:
 def live_modules(
     log: RunLog, modules: Iterable[int] | None = None, *, diverging: bool = False, **options: Any
 ) -> LiveReplay:
-    """Replay a log with these modules live, by default all, and the others as on record.
+    """Replay a log with these modules live, by default all, and the others as in the recording.
 
     The options are those of `cubepath.coordinator.replay_live`, such as ``rule``. AssertionError
     names the first divergence, or with `diverging` says that there was none.
@@ -145,7 +145,7 @@ class Listener:
         rate: float | None = None,
         env: Mapping[str, str] | None = None,
     ) -> None:
-        """Replay the messages of modules, of these kinds, at so many rounds a second.
+        """Replay the messages of modules, of these kinds, at this many rounds a second.
 
         ``{endpoint}`` in the command is where it listens, ``{run}`` the name of the run; they are
         in ``CUBEPATH_ENDPOINT`` and ``CUBEPATH_RUN`` too. CheckError if it ends before it listens,

@@ -1,7 +1,7 @@
-"""Rules of a faulty network: which messages are lost, late, doubled, held back or overtaken.
+"""Rules of a faulty network: which messages are lost, late, duplicated, held back or overtaken.
 
-A rule says nothing of time of arrival where it can be helped: with a probability it is the bytes of
-a message and the seed that decide, so the same messages are lost in every run.
+Where possible a rule does not depend on the time of arrival: with a probability, the bytes of a
+message and the seed decide, so every run loses the same messages.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Direction: TypeAlias = Literal["up", "down"]
 PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
 KEPT = 1000
-"""So many messages that it met last a rule remembers."""
+"""The number of last messages that a rule remembers."""
 COPIES_MAX = 1 << 18
-"""Of so many messages that came last it remembers how often they came, where chance decides."""
+"""Of this many messages that came last it remembers how often they came, where chance decides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +112,8 @@ class Rule:
 
     It passes over the first `after` of them, then meets `times` of them at most, each with a
     `probability`. `seconds` are by how much a message is late, or its second copy; a rule that
-    holds messages back stops so long after the first of them, with 0 never. `by` is how many later
-    ones overtake a message.
+    holds messages back stops this long after the first of them, with 0 never. `by` is how many
+    later ones overtake a message.
     """
 
     action: Action
@@ -127,7 +127,7 @@ class Rule:
     overtaken: bool = False
     """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
     told: frozenset[str] = frozenset()
-    """Senders whose messages it meets where they are said, and passes over on their way down."""
+    """Senders whose messages it meets at their source, and ignores on their way down."""
     count: int = 0
     """How many messages it met so far."""
     met: deque[WireMessage] = field(default_factory=lambda: deque(maxlen=KEPT))
@@ -202,7 +202,7 @@ class Rule:
         self._wake.append(wake)
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
-        """Wait until it has met so many messages; CheckError if it does not within the time."""
+        """Wait until it has met this many messages; CheckError if it does not within the time."""
         check_whole("times", times)
         deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
         with self._changed:

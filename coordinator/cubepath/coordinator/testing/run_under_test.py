@@ -1,9 +1,9 @@
-"""A run under test: awaited, wounded and asked, with processes of ours and of others.
+"""A run under test: awaited, disturbed and queried, with processes of ours and of yours.
 
-With rounds it goes on only when it is told to; without, modules act when they are ready, and it is
-listened to. In both cases a test says until when, and what is to happen there.
+With rounds, it advances only when the test says so. Without, modules act when they are ready, and
+the test listens. In both cases a test says how far to run, and what should happen on the way.
 
-Commands of others that join a run under test, and are looked after until they have.
+Commands of yours can join a run under test; the test waits until they have joined, and ends them.
 """
 
 from __future__ import annotations
@@ -106,13 +106,13 @@ class Joiners:
 
 TIMEOUT_S = 30.0
 HEARD_MAX = 5000
-"""So many messages that it heard last a run remembers for tests."""
+"""The number of last messages that a run remembers for tests."""
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
 _MENDED = "and was started again"
 _FOR_A_LINK = 5
 _FOR_A_COMMAND = 5
-"""So many descriptors are open for each at one time, at most."""
+"""This many descriptors are open for each at one time, at most."""
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -136,9 +136,9 @@ class RunUnderTest(ProcessFaults):
         so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
         join runs with rounds. `links` puts a link before every process, or before those named.
 
-        What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
-        CheckError tells who did not join, or ended before, and what it said. InputError for what
-        cannot be run, CubepathError if too few files may be open for all of it.
+        What is awaited must come within `timeout_s` by default, and so must the commands: a
+        CheckError names the command that did not join, or ended before, and what it printed.
+        InputError for what cannot be run, CubepathError if too few files may be open for all of it.
         """
         super().__init__(links=links)
         seconds("timeout_s", timeout_s)
@@ -159,7 +159,7 @@ class RunUnderTest(ProcessFaults):
         self.run.check = self._joiners.check
         self.run.check_files(self._files)
         self.said: list[str] = []
-        """What the run said in lines: where it listens, who is waited for, who died."""
+        """The lines that the run printed: where it listens, who is waited for, who died."""
         self.heard: deque[WireMessage] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
         self._unexpected: list[str] = []
@@ -233,7 +233,7 @@ class RunUnderTest(ProcessFaults):
             link.up.rules = link.down.rules = []
             link.heal()
 
-    # What is said.
+    # Outgoing messages.
 
     def _say(self, line: str) -> None:
         self.said.append(line)
@@ -275,7 +275,7 @@ class RunUnderTest(ProcessFaults):
         if error is not None:
             raise error
 
-    # How it goes on.
+    # How it continues.
 
     def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
         """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
@@ -317,7 +317,7 @@ class RunUnderTest(ProcessFaults):
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
-        """Go on until there are so many moves in all."""
+        """Go on until there are this many moves in all."""
         __tracebackhide__ = True
         check_whole("until_moves", number)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
@@ -412,7 +412,7 @@ class RunUnderTest(ProcessFaults):
 
     @property
     def outcome(self) -> Outcome:
-        """Return the outcome; CheckError while the run goes on."""
+        """Return the outcome; CheckError while the run continues."""
         return self.run.outcome
 
     @property

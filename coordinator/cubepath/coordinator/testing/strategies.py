@@ -1,9 +1,9 @@
 """Trials: a run under listed faults in virtual time, in this process, and what must hold of it.
 
 The nodes are those of real processes, on the wire of `simulation`. Strategies of hypothesis draw
-trials, and a trial can be written down by hand as well.
+trials, and you can also write a trial by hand.
 
-It takes hypothesis: ``pip install 'cubepath[testing]'``. Nothing else of the room imports it.
+It needs hypothesis: ``pip install 'cubepath[testing]'``. No other module of the room imports it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Trial:
     faults: tuple[Fault, ...] = ()
 
     def play(self, make: MakeNode = host_node) -> TrialResult:
-        """Simulate the run, and return what came of it; nothing is raised that fails in it.
+        """Simulate the run, and return the outcome; nothing is raised that fails in it.
 
         `make` makes the nodes of module processes of a run with rounds: your own code, from its
         orders and the scene.
@@ -73,7 +73,7 @@ class Trial:
 
         With rounds: the path is the one without faults, the run ends as it does there unless a
         fault ended it, and its log is legal. Without rounds: every invariant of keepers, and that
-        the run goes on after its faults.
+        the run continues after its faults.
         """
         __tracebackhide__ = True
         tried = self.play(make)
@@ -83,7 +83,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class TrialResult:
-    """What came of a trial."""
+    """The outcome of a trial."""
 
     trial: Trial
     run: SimulatedRun | FreeSimulatedRun
@@ -164,7 +164,7 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
 
 
 def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
-    """Return where a fault of a kind can strike a run of so many processes and keepers."""
+    """Return where a fault of a kind can strike a run of this many processes and keepers."""
     hosts = [f"process_{number}" for number in range(processes)]
     kept = [f"keeper_{number}" for number in range(keepers)] if clock == "free" else []
     # The coordinator of a run without rounds only listens.
@@ -214,8 +214,8 @@ def trial_of(
 ) -> Trial:
     """Return a trial of a system and a rule, by name or as ``FILE.py:NAME``; None is its own rule.
 
-    Without rounds there are faults until so many `moves` were made, in `keepers`. InputError names
-    what cannot be run, and faults that there are not under the clock.
+    Without rounds there are faults until this many `moves` were made, in `keepers`. InputError
+    names what cannot be run, and faults that there are not under the clock.
     """
     if not isinstance(system, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"system={system!r}: expected a name or a file")

@@ -1,10 +1,10 @@
-"""A ward: it runs a command, and sees that nothing is left of it when its parent is gone.
+"""A ward: it runs a command, and ends everything the command left when its parent is gone.
 
-Run as a script of its own, with the standard library alone, so that it starts at once. It adopts
-whatever the command leaves behind, and ends with all of it when the command ends, when its standard
-input closes, or when its parent is no longer there: a test process that is killed leaves nothing
-running. On standard input it can be told to watch other processes and folders, which are killed and
-removed too unless it is told that all is well.
+It runs as a separate script, with the standard library alone, so that it starts quickly. It adopts
+every process that the command leaves behind, and ends all of them when the command ends, when its
+standard input closes, or when its parent is gone: a killed test process leaves nothing running.
+Over standard input you can tell it to watch other processes and folders; it kills and removes these
+too, unless it hears that all is well.
 
     python -I -S ward.py FD [COMMAND ...]
 """
@@ -96,7 +96,7 @@ class Ward:
         self._hear_the_rest()
 
     def _hear_the_rest(self) -> None:
-        """Take what a parent that is gone has told last."""
+        """Take the last order of a parent that is gone."""
         os.set_blocking(0, False)  # who else holds the other end has nothing to tell
         with contextlib.suppress(BlockingIOError):
             while told := os.read(0, 1 << 16):
@@ -104,7 +104,7 @@ class Ward:
                     return
 
     def _is_over(self, told: bytes) -> bool:
-        """Take what was told; return whether all is well, so that nothing need be watched."""
+        """Take the orders; return whether all is well, so that nothing need be watched."""
         *lines, self._text = (self._text + told).split(b"\n")
         for line in lines:
             what, _, value = line.decode().partition(" ")

@@ -25,7 +25,7 @@ _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
     "hold": ("seconds",),
     "reorder": ("by",),
 }
-"""What else each kind of rule is told."""
+"""The other fields of each kind of rule."""
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
@@ -100,7 +100,7 @@ class Wire:
         Which, say the keys of `Pattern`: `kind` (or `what`), `round`, `phase`, `module`, `sender`,
         `to`, `where`. How many, say those of `Rule`: `times`, `after`, `probability` with a `seed`.
         With `to` a message is lost on its way to that process, and others hear it; without, nobody
-        does. Of what the coordinator says each process has a copy of its own.
+        does. Of what the coordinator says each process has its own copy.
 
         InputError for unknown kinds and keys, and processes without a link.
         """
@@ -111,13 +111,13 @@ class Wire:
         return self._rule("delay", what, options | {"seconds": seconds})
 
     def double(self, what: What = "", *, seconds: float = 0.0, **options: Any) -> Rule:
-        """Have messages come twice, the second time so many seconds later. Keys as `drop`."""
+        """Have messages come twice, the second time this many seconds later. Keys as `drop`."""
         return self._rule("double", what, options | {"seconds": seconds})
 
     def hold(self, what: What = "", *, seconds: float | None = None, **options: Any) -> Rule:
         """Hold messages back until the rule is released; others pass them. Keys as `drop`.
 
-        With `seconds` it is released by itself, so long after the first message that it holds.
+        With `seconds` it is released by itself, this long after the first message that it holds.
         """
         if seconds is not None:
             if check_seconds("seconds", seconds) == 0:
@@ -126,7 +126,7 @@ class Wire:
         return self._rule("hold", what, options)
 
     def reorder(self, what: What = "", *, by: int = 1, **options: Any) -> Rule:
-        """Have messages overtaken by so many that come after them. Keys as `drop`."""
+        """Have messages overtaken by this many that come after them. Keys as `drop`."""
         return self._rule("reorder", what, options | {"by": by})
 
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
@@ -183,7 +183,7 @@ class Wire:
             link.clear()
 
     def close_links(self, around: Callable[[Callable[[], None]], object]) -> None:
-        """Have all links taken away, and the guard told that all is well."""
+        """Remove all links, and tell the guard that all is well."""
         if self._guard is not None:
             around(self._guard.close)
         for link in self.links.values():

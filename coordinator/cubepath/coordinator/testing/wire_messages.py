@@ -1,9 +1,8 @@
-"""A message as a test sees it: what kind, of whom, to whom, and about which modules.
+"""A message as a test sees it: its kind, sender, receivers, and the modules it is about.
 
-One view of messages with rounds and without, so that rules of links, conditions and tables need not
-know the clock.
-
-Small tables of messages for the text of a failure: what was said around a place, and no more.
+It is one view of messages with rounds and without, so that rules of links, conditions and tables
+need not know the clock. Small tables of messages, for the text of a failure, show what was sent
+around a place.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from cubepath.protocol.wire.messages import (
 _PHASES = {"reports": "settle", "observations": "observe", "actions": "observe"}
 """The phases of the kinds that do not name theirs."""
 RESULTS = ("edges", "cube", "certificate", "summary")
-"""What the coordinator finds at the end, which nobody said."""
+"""What the coordinator finds at the end, which no process sent."""
 PARTS = (
     *("attempt", "enter", "hold", "tile_query", "forwarded", "decision", "inquiry", "settled"),
     *("place", "entered", "held", "turn"),
@@ -76,7 +75,7 @@ class WireMessage:
 
     @cached_property
     def kind(self) -> str:
-        """The kind of the message, as ``said``, ``ready``, ``go``, ``ask`` or ``moved``."""
+        """The kind of the message, as ``bundle``, ``ready``, ``go``, ``requests`` or ``commit``."""
         found: Any = self.message
         return "unknown" if found is None else kind_of(found)
 
@@ -181,7 +180,7 @@ _TITLES = ("", "round", "phase", "kind", "from", "to", "what")
 
 
 def short(text: str, most: int = _LINE_MAX) -> str:
-    """Return a text in one line that is no longer than so many characters."""
+    """Return a text in one line that is no longer than this many characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
 

@@ -1,1 +1,1 @@
-"""The theory past the run: complexes, search, solvers, proofs, following, the paper."""
+"""Theory beyond the run: complexes, search, solvers, proofs, following, the paper."""

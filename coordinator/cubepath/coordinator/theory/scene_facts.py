@@ -1,7 +1,7 @@
-"""What holds for all runs in a scene: a lower bound, the optimum, how far a state is from the goal.
+"""What holds for all runs in a scene: a lower bound, the optimum, distances to the goal.
 
-All of it is bounded by counts and never by time, so that it is the same wherever it is worked out,
-and worked out once in a process.
+Effort is bounded by counts and never by time, so the results are the same everywhere. A process
+computes each once.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> ComputedS
 
 
 def _best_found(scene: Scene, iterations: int) -> int | None:
-    """Return the cubes of the best path of a search of so many steps; None without a path.
+    """Return the cubes of the best path of a search of this many steps; None without a path.
 
     It goes out from what the rule of the family does with seed 0, whatever rules are compared, and
     the search has seed 0 too: so the value is one of the scene.

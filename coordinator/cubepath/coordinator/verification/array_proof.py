@@ -1,13 +1,13 @@
-"""Checking a certificate of a path in numbers, compiled: whether it proves, not why it does not.
+"""Checking a certificate of a path in numbers, compiled: whether it proves, not why it fails.
 
-`cubepath.coordinator.verification.proof` says what the five checks are and why they prove, and is
-the reference: it takes actions, and names the moves at fault. Here the same is decided over arrays,
-without building one action. Whoever gets a no from here asks there for the reason. What is trusted
-is what each action writes and reads, as its row says: that the rows are distinct actions, and so
-that equal moves have equal numbers, is checked too. No code is shared with the heap of pieces.
+`cubepath.coordinator.verification.proof` explains the five checks and why they suffice, and is the
+reference: it takes actions, and names the moves at fault. This module decides the same over arrays,
+without building one action; for the reason of a refusal, callers ask the reference. It trusts what
+each row says an action writes and reads. It also checks that the rows are distinct actions, so that
+equal moves have equal numbers. It shares no code with the heap of pieces.
 
-Cost: as for the reference, one pass over the path for each check, besides sorting the entries of
-the rows. Space: some numbers for each move, each site, and each time that a site is written.
+Cost: as for the reference, one pass over the path for each check, plus sorting the entries of the
+rows. Space: a few numbers for each move, each site, and each time that a site is written.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ import numpy as np
 from cubepath.coordinator.verification.array_proof import carry_out, proves
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -119,8 +119,7 @@ def _told_end(end: Sequence[object] | None, state: set[Site]) -> str | None:
     if end is None:
         return 'it has no "end", expected one: what is on at the start is known'
     told: set[Site] = set()
-    for value in end:
-        site = site_in(value)
+    for site in end:
         if site in told:
             return f"{site_text(site)} stands twice at the end"
         told.add(site)
@@ -188,7 +187,7 @@ def _written(name: MoveName, move: int, numbered: set[int]) -> CubeName:
 
 def _name(name: CubeName) -> str:
     if isinstance(name, GeneratorPlacement):
-        return site_text((name.generator, site_in(name.at)))
+        return site_text((name.generator, name.at))
     return site_text(name)
 
 
@@ -197,7 +196,7 @@ def check_recorded_certificate(
 ) -> None:
     """Check the certificate of a recording, if it has one, as the check `certificate`.
 
-    It must cover the moves of all complete rounds, and its cubes must be those on record.
+    It must cover the moves of all complete rounds, and its cubes must be those in the recording.
     """
     certificate = transcript.certificate
     if certificate is None:
@@ -219,6 +218,6 @@ def check_recorded_certificate(
 
 def _actions(system: System, moves: Sequence[GeneratorPlacement]) -> frozenset[Action] | None:
     try:
-        return frozenset(system.action(move.generator, site_in(move.at)) for move in moves)
+        return frozenset(system.action(move.generator, move.at) for move in moves)
     except InputError:
         return None  # the check `normal` reports it

@@ -1,8 +1,8 @@
-"""What a rule was given to choose from: the observation of a module, derived from a recording.
+"""What a rule had to choose from: the observation of a module, derived from a recording.
 
-Part of `cubepath verify`: states, sites and notes are those that verification derives or reads; of
-a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`, and
-how sites are encoded). It asks no rule: whoever has rules is a `RoundPlayer`.
+Part of `cubepath verify`. States, sites and notes are those that verification derives or reads;
+with a run it shares the catalogue and the neighbourhoods of the system (`sensed`, `reach`, `moves`,
+and how sites are encoded). It asks no rule: code that has rules implements `RoundPlayer`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _KEPT = 2048
 
 
 class Moment(NamedTuple):
-    """A round at the time of its claims, as derived, with what was said in it."""
+    """A round at the time of its claims, as derived, with the messages sent in it."""
 
     round: int
     sites: tuple[Site, ...]
@@ -45,7 +45,7 @@ class RoundPlayer(Protocol):
         """Ask the rules in a round, and call `fail` with one line for each other choice."""
 
     def end(self, moment: Moment, transcript: Transcript, fail: Callable[[str], None]) -> None:
-        """Take note that this round, if it was begun at all, was not completed."""
+        """Note that this round, if it was begun at all, was not completed."""
 
     def unchecked(self) -> str | None:
         """Return in one line what was not asked again, and why; None if all was."""
@@ -79,7 +79,7 @@ class Observing:
     def _there(
         self, moment: Moment, note_length: int
     ) -> tuple[tuple[Mapping[Site, Site], AbstractSet[Site]], Mapping[Site, list[int]]]:
-        """Return what stands at places, what is on, and the notes said, by place."""
+        """Return what stands at places, what is on, and the notes sent, by place."""
         place_of = self._system.place_of
         standing = {place_of(site): site for site in moment.sites}
         notes: dict[Site, list[int]] = {}

@@ -5,32 +5,31 @@ nor the normal form. A move reads the sites of its support and writes those of i
 version of a site counts how often it was written. Three things are checked.
 
 *Each round, and each cube, is one step.* No site that one of its moves writes is read or written by
-another. So the moves of a step have no order among themselves, and all conflicts, of two moves of
-which one writes a site that the other reads or writes, point from a step to a later one: their
-graph has no cycle, and the order of the steps is one of its orders.
+another. So the moves of a step have no order among themselves, and every conflict (two moves, one
+of which writes a site that the other reads or writes) points from a step to a later one: the graph
+of conflicts has no cycle, and the order of the steps is one of its orders.
 
-*What is taken out is undone.* A move undoes the last equal one that is left if it finds every site
-as that one left it: those of the trace at the version that it wrote, read by nobody since, the
-others not written since. So what stands between the two and is left conflicts with neither.
+*What is removed is undone.* A move undoes the last equal one that remains if it finds every site as
+that one left it: those of the trace at the version that it wrote, read by nobody since, the others
+not written since. So no remaining move between the two conflicts with either.
 
-*The rest is in the cubes, and nothing else.* Each move that is left, by its action and how often
-that came before, finds in the cubes the same version of each of its sites as in the run. Two moves
-that conflict at a site find it at versions that say which was first; so all conflicts have the same
-order in both, and one is the other with neighbours exchanged that do not conflict.
+*The rest is in the cubes, and nothing else.* Each remaining move, named by its action and a count
+of its earlier occurrences, finds in the cubes the same version of each of its sites as in the run.
+Two moves that conflict at a site find it at versions that say which came first. So all conflicts
+have the same order in both, and one path becomes the other by exchanging neighbours that do not
+conflict.
 
-Together they say that run and cubes are in one homotopy class. That the cubes are the normal form
-of it is for other checks. Equal histories of each site up to cancelling would not say as much: with
-a conflicting with b and with c, and b not with c, each site of (b a c a)(b a c a) sees a word that
-cancels, and the whole does not.
+Together they say that run and cubes are in one homotopy class. Other checks show that the cubes are
+its normal form. Equal histories of each site up to cancelling would say less: if a conflicts with b
+and with c, but b not with c, each site of (b a c a)(b a c a) sees a word that cancels, and the
+whole does not.
 
-Whether two edge paths are equal up to swapping commuting moves, or homotopic.
-
-A path is given, up to swapping, by its moves and by the order of those that do not commute. Those
-share a site that one of them writes, so the order is told by how often each site of a move was
-written before it: the versions that it finds. Moves with equal actions do not commute, so the n-th
-of one path belongs to the n-th of the other. Homotopic are paths that are equal when all that
-cancels is taken out, from one start. Time is linear in the supports, and nothing is shared with
-shortening.
+Two whole edge paths are compared in the same terms: equal up to swapping commuting moves, or
+homotopic. Up to swapping, a path is given by its moves and by the order of those that do not
+commute. Those share a site that one of them writes, so the versions that each move finds give the
+order. Moves with equal actions do not commute, so the n-th of one path corresponds to the n-th of
+the other. Two paths from one start are homotopic if they are equal after everything that cancels is
+removed. Time is linear in the supports, and nothing is shared with shortening.
 """
 
 from __future__ import annotations
@@ -240,7 +239,7 @@ def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
     if odd:
         place = min(odd, key=lambda each: names.actions[each].label)
         return (
-            f"{_shown(names.actions[place])} is {_times(times[0][place])} in the first, and"
+            f"{label_of(names.actions[place])} is {_times(times[0][place])} in the first, and"
             f" {_times(times[1][place])} in the second"
         )
     found = _first_apart(one, other, names)
@@ -248,7 +247,7 @@ def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
         return None
     move, site, mine, theirs = found
     return (
-        f"{_shown(names.actions[one[move]])} finds {site_text(names.sites[site])} written"
+        f"{label_of(names.actions[one[move]])} finds {site_text(names.sites[site])} written"
         f" {_times(mine)} in the first, and {_times(theirs)} in the second"
     )
 
@@ -257,7 +256,8 @@ def _times(count: int) -> str:
     return f"{count} time" if count == 1 else f"{count} times"
 
 
-def _shown(action: Action) -> str:
+def label_of(action: Action) -> str:
+    """Return the label of an action, or what it changes if it has none."""
     return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
 
 
@@ -403,7 +403,7 @@ def difference(
 
     They differ if they begin at different states, where both are known, or if one is not the other
     up to swapping neighbouring moves that commute; with `homotopic`, also up to taking out or
-    putting in a move that is undone at once.
+    putting in a move that is undone immediately.
 
     >>> a, b = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> difference([a, b], [b, a]), difference([a, b, a], [b], homotopic=True)

@@ -1,9 +1,8 @@
-"""How a run ended: whether it went on as long as it had to, and no longer, and said why.
+"""How a run ended: whether it ran as long as it had to, and no longer, and gave the reason.
 
-Part of `cubepath verify`. After each round it is derived whether the run had to end there: a module
-gave up, the schedule stopped, the goal was reached, or the rounds were over. A schedule on record
-is compared with the reports, up to where it stopped; none of the code that assigned the moves is
-used.
+Part of `cubepath verify`. After each round it derives whether the run had to end there: a module
+gave up, the schedule stopped, the goal was reached, or the rounds were over. A recorded schedule is
+compared with the reports, up to where it stopped, without any of the code that assigned the moves.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from cubepath.coordinator.verification.transcript import (
     RecordedRound,
     ScheduledRound,
     Transcript,
-    site_in,
 )
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -94,7 +92,7 @@ class OutcomeCheck:
         self._check_line(summary, pacing)
 
     def _due(self, at: _Outcome, transcript: Transcript) -> tuple[str, str | None] | None:
-        """Return how the run has to end after a round, with its error; None if it goes on."""
+        """Return how the run has to end after a round, with its error; None if it continues."""
         over, summary = transcript.schedule_over, transcript.summary
         stopped = None if summary is None else summary.schedule_stopped
         if self._cubes is not None and (over is None or at.round <= over):
@@ -113,7 +111,7 @@ class OutcomeCheck:
         return ("max-rounds", None) if self._most is not None and at.round >= self._most else None
 
     def _stop(self, at: _Outcome, stopped: Stopped | None) -> str | None:
-        """Return what is said of a schedule that stopped after a round, None if it did not."""
+        """Return the message about a schedule that stopped after a round, None if it did not."""
         if at.gave_up is not None:
             module, reason = at.gave_up
             return f"the schedule stopped at round {at.round}: module_{module}: {reason}"
@@ -160,7 +158,7 @@ class OutcomeCheck:
 
 
 def _cubes(recording: Recording) -> int | None:
-    """Return the number of cubes of the schedule on record; None if there is none."""
+    """Return the number of cubes of the recorded schedule; None if there is none."""
     if recording.schedule is None:
         return None
     try:
@@ -219,7 +217,7 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
 
 
 def _moves(placed: Iterable[GeneratorPlacement]) -> Made:
-    return frozenset((move.generator, site_in(move.at)) for move in placed)
+    return frozenset((move.generator, move.at) for move in placed)
 
 
 def _check_cube(

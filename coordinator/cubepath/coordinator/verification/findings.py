@@ -1,4 +1,4 @@
-"""What verifying a recording finds: its checks, and the first failure of each.
+"""The findings of verifying a recording: its checks, and the first failure of each.
 
 Part of `cubepath verify`.
 """
@@ -30,7 +30,7 @@ class Check:
 
 
 class MissingMessages(NamedTuple):
-    """How much is known to be missing: at least so much was there, and is not on record."""
+    """How much is known to be missing: at least so much was there, and is not recorded."""
 
     rounds: int
     """Rounds that were begun, and that not every module has reported."""

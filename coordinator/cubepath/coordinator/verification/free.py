@@ -37,7 +37,7 @@ from cubepath.coordinator.verification.parameters import (
     processes_of,
 )
 from cubepath.coordinator.verification.results import Derived, concluded, without_end
-from cubepath.coordinator.verification.transcript import Fail, check_complete, is_cut_off, site_in
+from cubepath.coordinator.verification.transcript import Fail, check_complete, is_cut_off
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.durations import schedule_from_jsonl
@@ -233,14 +233,14 @@ class _Checks(NamedTuple):
 
 
 def _never_began(recording: Recording) -> bool:
-    """Return whether a run was over before it began, and nobody has said anything."""
+    """Return whether a run was over before it began, and nothing has been sent."""
     over = recording.scene.reached(recording.scene.start) and recording.schedule is None
     none = all(record.topic.endswith("/coordinator") for record in recording.records)
     return none and (over or max_rounds_in(recording.parameters) == 0)
 
 
 def _check_edges(path: LevelPath, transcript: FreeTranscript, fail: Fail) -> str:
-    """Compare the edges on record with the moves; return the digest of the moves."""
+    """Compare the recorded edges with the moves; return the digest of the moves."""
     digest = sha256()
     edges, known = transcript.edges, set[int]()
     for level, made in path.by_level():
@@ -278,11 +278,11 @@ def _check_schedule(
     if summary is not None and summary.schedule_cubes != len(cubes):
         counted = summary.schedule_cubes
         fail("schedule", f"the summary counts {counted} cubes, there are {len(cubes)}")
-    due = Counter((move.generator, site_in(move.at)) for cube in cubes for move in cube)
+    due = Counter((move.generator, move.at) for cube in cubes for move in cube)
     made = Counter[tuple[str, Site | None]]()
     for number, count in Counter(path.numbers.tolist()).items():
         generator, at, _ = path.known[number]
-        made[generator, site_in(at)] += count
+        made[generator, at] += count
     stray = sorted((made - due).elements(), key=repr)
     if stray:
         fail("schedule", f"{stray[0][0]} at {stray[0][1]!r} is made too often")
@@ -295,7 +295,7 @@ def _check_schedule(
         recording.scene.system.action(move.generator, site)
         for cube in cubes
         for move in cube
-        if (site := site_in(move.at)) is not None
+        if (site := move.at) is not None
     ]
     check_dependencies(
         actions, [], [[each] for each in path.actions], partial(_in_order, fail), whole=True

@@ -1,4 +1,4 @@
-"""What modules asked and were shown, in numbers: as much of it as others are compared with.
+"""What modules asked for and were shown, in numbers: as much of it as is compared with others.
 
 Part of `cubepath verify`. Contents are compared by hashes of 64 bits, within one process.
 """
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, Names
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -39,7 +38,7 @@ class AskedContent(NamedTuple):
 
 
 class AskedAttempts:
-    """The attempts on record by number: what of each is compared with what others say of it."""
+    """The recorded attempts by number: what of each is compared with what others say of it."""
 
     def __init__(self, system: System, tiles: Tiles | None) -> None:
         """Begin with none; without tiles nobody knows through which keepers they pass."""
@@ -55,7 +54,7 @@ class AskedAttempts:
         return len(self._state)
 
     def place(self, name: Name) -> int:
-        """Return the number of an attempt, which need not be on record."""
+        """Return the number of an attempt, which need not be recorded."""
         found = self._names.place(name)
         if found == len(self._state):
             self._state.append(_UNHEARD)
@@ -81,17 +80,14 @@ class AskedAttempts:
         return True
 
     def _take_content(self, place: int, attempt: Attempt) -> None:
-        sensed = {
-            site_in(unit): None if shown is None else site_in(shown)
-            for unit, shown in attempt.sensed
-        }
+        sensed = dict(attempt.sensed)
         notes = {
-            site_in(place): (tuple(shown), None if new is None else tuple(new))
+            place: (tuple(shown), None if new is None else tuple(new))
             for place, shown, new in attempt.notes
         }
         content = AskedContent(
-            site_in(attempt.site),
-            None if attempt.generator is None else (attempt.generator, site_in(attempt.at)),
+            attempt.site,
+            None if attempt.generator is None else (attempt.generator, attempt.at),
             frozenset(sensed.items()),
             frozenset(notes.items()),
         )
@@ -157,7 +153,7 @@ class AskedAttempts:
 
 
 class TurnNumbers:
-    """The turns on record by number, each with the attempt that follows."""
+    """The recorded turns by number, each with the attempt that follows."""
 
     def __init__(self) -> None:
         """Begin with none."""
@@ -177,7 +173,7 @@ class TurnNumbers:
         return True
 
     def attempt(self, name: Name) -> int | None:
-        """Return the attempt of a turn, -1 if it makes none; None if the turn is not on record."""
+        """Return the attempt of a turn, -1 if it makes none; None if the turn is not recorded."""
         place = self._names.get(name)
         return None if place is None else self._attempts[place]
 
@@ -222,7 +218,7 @@ class ShownVersions:
         self._far: set[tuple[int, int]] = set()
 
     def add(self, version: int, module_version: int) -> None:
-        """Take note that this was shown."""
+        """Note that this was shown."""
         if version >= _HALF or module_version >= _HALF:
             self._far.add((version, module_version))
             return

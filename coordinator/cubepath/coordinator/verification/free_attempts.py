@@ -1,11 +1,8 @@
-"""Whether commits answer attempts, and what keepers say of attempts is what came of them.
+"""Whether commits answer attempts, and whether keepers report the true results of attempts.
 
 Part of `cubepath verify`. What was sensed is compared with the history at the versions at which it
-was committed.
-
-Whether modules act in epochs in which they entered, and epochs grow with incarnations.
-
-Part of `cubepath verify`.
+was committed. It also checks that modules act in epochs in which they joined, and that epochs grow
+with incarnations.
 """
 
 from __future__ import annotations
@@ -23,8 +20,7 @@ from cubepath.coordinator.verification.free_transcript import (
     commit_text,
 )
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by
-from cubepath.coordinator.verification.transcript import Fail, site_in
-from cubepath.protocol.core.catalogue import Json
+from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.stored_messages import Record
@@ -47,12 +43,12 @@ from cubepath.protocol.wire.keys import Tiles
 
 
 class Incarnations:
-    """The incarnations and epochs of modules, as keepers tell of them."""
+    """The incarnations and epochs of modules, as keepers report them."""
 
     def __init__(
         self, transcript: FreeTranscript, tiles: Tiles, system: System, fail: Fail
     ) -> None:
-        """Begin with nothing told."""
+        """Begin with nothing reported."""
         self._said, self._losses = transcript, transcript.losses
         self._tiles, self._place_of, self._fail = tiles, system.place_of, fail
         self._incarnations: dict[int, dict[int, int]] = {}
@@ -76,7 +72,7 @@ class Incarnations:
                 "entries",
                 f"{said.where}: incarnation {occupant.incarnation} is not the one answered",
             )
-        site = site_in(entered.site)
+        site = entered.site
         processes = self._said.asked_by.get(occupant.module, ())
         if said.to not in processes:
             self._lack(
@@ -88,14 +84,14 @@ class Incarnations:
             self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
 
     def take(self, where: Record, occupant: Occupant) -> None:
-        """Take note of the epoch of an incarnation."""
+        """Note the epoch of an incarnation."""
         known = self._incarnations.setdefault(occupant.module, {0: 0})
         if known.setdefault(occupant.incarnation, occupant.epoch) != occupant.epoch:
             name = f"incarnation {occupant.incarnation} of module_{occupant.module}"
             self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
 
     def check(self) -> None:
-        """Check all incarnations that were told of, and the epochs of all attempts."""
+        """Check all incarnations that appear, and the epochs of all attempts."""
         for module, known in sorted(self._incarnations.items()):
             incarnations = sorted(known)
             epochs = [known[incarnation] for incarnation in incarnations]
@@ -125,10 +121,10 @@ _CHECKED, _GIVEN_UP = 1, 2
 
 
 class Attempts:
-    """The attempts of a run, and what came of them.
+    """The attempts of a run, and their results.
 
-    They are checked as they stand on record. `fail` is given what is wrong with commits by their
-    numbers, so that the first failure is the same however messages are ordered.
+    They are checked as they stand in the recording. `fail` is called for what is wrong with commits
+    by their numbers, so that the first failure is the same however messages are ordered.
     """
 
     def __init__(
@@ -260,7 +256,7 @@ class Attempts:
             if getattr(moved, key) != getattr(attempt, key):
                 self._fail("attempts", f"{name}: its {key} is not that of its attempt")
         standing = self._before(moved, moved.module)
-        at = site_in(attempt.site)
+        at = attempt.site
         if standing is not None and at != standing.site:
             # Where it only writes registers, its place is enough.
             place_of = self._system.place_of
@@ -282,9 +278,9 @@ class Attempts:
 
     def _check_sensed(self, moved: Commit, attempt: Attempt) -> None:
         name = commit_text(moved)
-        found = {site_in(unit): version for unit, version in (*moved.read, *moved.guarded)}
-        found |= {site_in(unit): version for unit, version, _ in moved.written}
-        told = {site_in(unit): site_in(shown) for unit, shown in attempt.sensed}
+        found = dict((*moved.read, *moved.guarded))
+        found |= {unit: version for unit, version, _ in moved.written}
+        told = dict(attempt.sensed)
         if len(told) != len(attempt.sensed) or told.keys() != found.keys():
             self._fail("attempts", f"{name} names other units than its attempt has sensed")
             return
@@ -299,9 +295,8 @@ class Attempts:
                     f"{name}: {site_text(unit)} was sensed as {_text(shown)}, at version {version}"
                     f" it is {_text(there)}",
                 )
-        counted = {site_in(unit): reads for unit, _, reads in moved.written}
-        for value, version, reads in attempt.after:
-            unit = site_in(value)
+        counted = {unit: reads for unit, _, reads in moved.written}
+        for unit, version, reads in attempt.after:
             if found.get(unit) != version or (unit in counted and counted[unit] != reads):
                 self._fail("attempts", f"{name} did not wait for what its attempt names")
 
@@ -311,11 +306,11 @@ class Attempts:
         for place, module, version, content in moved.notes:
             before = self._before(moved, module)
             now = self._history.module(module, version)
-            if now is not None and self._system.place_of(now.site) != site_in(place):
+            if now is not None and self._system.place_of(now.site) != place:
                 self._fail("registers", f"{name}: module_{module} is not at {place!r}")
             at = None if before is None else self._system.place_of(before.site)
             here[at] = before, content
-        asked = {site_in(place): (shown, new) for place, shown, new in attempt.notes}
+        asked = {place: (shown, new) for place, shown, new in attempt.notes}
         for at, (before, content) in here.items():
             if before is None:
                 continue
@@ -431,19 +426,19 @@ class Attempts:
         level = self._level_of(passed, committed=moved is not None)
         if level is not None and passed.level != level:
             self._fail("decisions", f"{where}: it has level {passed.level}, derived is {level}")
-        for value, version, *_ in (*passed.read, *passed.written, *passed.guarded):
-            unit = site_in(value)
+        written = ((unit, version) for unit, version, _ in passed.written)
+        for unit, version in (*passed.read, *written, *passed.guarded):
             if unit is None or not history.at_unit(unit, version)[0]:
-                self._fail("decisions", f"{where}: {value!r} never had version {version}")
+                self._fail("decisions", f"{where}: {unit!r} never had version {version}")
         self._check_taken(where, passed, so_far)
 
     def _check_taken(self, where: Record, passed: Forwarded, so_far: set[int]) -> None:
         """Check the modules that are passed on, those of the motion and those of registers."""
-        attempt, site = passed.attempt, site_in(passed.attempt.site)
+        attempt, site = passed.attempt, passed.attempt.site
         move = None
         if attempt.generator is not None and site is not None:
             moves = (each for each in self._system.moves(site) if each is not None)
-            named = (attempt.generator, site_in(attempt.at))
+            named = (attempt.generator, attempt.at)
             move = next((each for each in moves if (each.generator, each.at) == named), None)
         motion = () if move is None else move.motion
         if len(passed.occupants) != len(motion):
@@ -454,18 +449,14 @@ class Attempts:
                 self._fail("decisions", f"{where}: who is at {site_text(source)} is misplaced")
             elif occupant is not None:
                 self._check_occupant(where, source, occupant)
-        for value, occupant in passed.noted:
-            self._check_occupant(where, value, occupant)
-            at = site_in(value)
+        for at, occupant in passed.noted:
+            self._check_occupant(where, at, occupant)
             if at is None or self._system.place_of(at) not in {
-                site_in(place) for place, *_ in attempt.notes
+                place for place, *_ in attempt.notes
             }:
-                self._fail("decisions", f"{where}: no request was for the register at {value!r}")
+                self._fail("decisions", f"{where}: no request was for the register at {at!r}")
 
-    def _of(self, value: Json) -> int:
-        unit = site_in(value)
-        if unit is None:
-            return -1
+    def _of(self, unit: Site) -> int:
         labelled = self._system.labels is not None
         return self._tiles.keeper_of(unit if labelled else self._system.place_of(unit))
 
@@ -473,28 +464,25 @@ class Attempts:
         """Return the greatest level of what it depends on so far; None if a version never was."""
         history, found = self._history, [0]
         written = [(unit, version) for unit, version, _ in passed.written]
-        for value, version in (*passed.read, *written):
-            unit = site_in(value)
+        for unit, version in (*passed.read, *written):
             if unit is None or not history.at_unit(unit, version)[0]:
                 return None
             found.append(history.levels.get(unit, [0])[version])
         if committed:
-            for value, version in written:
-                unit = site_in(value)
+            for unit, version in written:
                 if unit is not None:
                     found.append(history.read_levels.get(unit, [0])[version])
             return max(found)
         return None if written else max(found)
 
-    def _check_occupant(self, where: Record, site: Json | Site, occupant: Occupant) -> None:
-        """Check a module as it is told to be at one of its versions."""
+    def _check_occupant(self, where: Record, site: Site, occupant: Occupant) -> None:
+        """Check what is reported of a module at one of its versions."""
         standing = self._history.module(occupant.module, occupant.version)
         name = f"module_{occupant.module} at version {occupant.version}"
         if standing is None:
             self._fail("decisions", f"{where}: there never was {name}")
             return
-        told = site if isinstance(site, tuple) else site_in(site)
-        if (standing.site, standing.note) != (told, occupant.note):
+        if (standing.site, standing.note) != (site, occupant.note):
             self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
         if occupant.number != self._number_at(occupant):
             self._fail("decisions", f"{where}: {name} has number {occupant.number}")

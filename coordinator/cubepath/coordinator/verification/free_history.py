@@ -1,13 +1,10 @@
 """What was where at which version, derived from the start and the commits of keepers.
 
 Part of `cubepath verify`. Commits are put in an order in which they can have happened, by the
-versions that they name, and carried out one after another; so there is the site at every version of
-every unit, and the place and the register of every module at its versions. It shares only the
-catalogue and the tiles with a run. A version takes some numbers in arrays.
-
-An order in which the commits of a run without rounds can have happened, by their versions.
-
-Part of `cubepath verify`. Commits are named by numbers, and kept in arrays.
+versions that they name, and carried out one after another. The result is the site at every version
+of every unit, and the place and the register of every module at its versions. It shares only the
+catalogue and the tiles with a run. Commits are named by numbers; commits and versions are kept in
+arrays.
 """
 
 from __future__ import annotations
@@ -34,9 +31,9 @@ from cubepath.coordinator.verification.free_units import (
     units_of,
 )
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Json, Move
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Commit, Register
@@ -68,7 +65,7 @@ class UnitAccesses:
         self._versions, self._what = array("q"), array("q")
 
     def add(self, thing: Hashable, version: int, what: int, commit: int) -> None:
-        """Take note that a commit touches a thing at a version; commits come in their order."""
+        """Note that a commit touches a thing at a version; commits come in their order."""
         self._things.append(self._numbers.setdefault(thing, len(self._numbers)))
         self._versions.append(version)
         self._what.append(what)
@@ -122,7 +119,7 @@ class UnitAccesses:
 
 
 def in_order(count: int, edges: Iterable[tuple[int, int]]) -> tuple[array[int], int | None]:
-    """Return an order of so many commits in which the first of each pair is before the second.
+    """Return an order of this many commits in which the first of each pair is before the second.
 
     Of those that can be next it has the least. Where pairs contradict each other the rest is left
     out, and the least that is left out is returned too.
@@ -186,8 +183,8 @@ class LevelPath(NamedTuple):
     """The mover of each."""
     numbers: NDArray[np.int32]
     """Which of `known` each is."""
-    known: Sequence[tuple[str, Json, Action]]
-    """Each generator with where it is placed, as it is told, and the action."""
+    known: Sequence[tuple[str, Site, Action]]
+    """Each generator with its place, as recorded, and the action."""
 
     @property
     def actions(self) -> list[Action]:
@@ -245,7 +242,7 @@ class History:
         }
         self._start = {**self._standing}, {**self._module_at}
         self._known: dict[tuple[str, bytes], int] = {}
-        self._moves: list[tuple[str, Json, Action]] = []
+        self._moves: list[tuple[str, Site, Action]] = []
         self._carried = array("i"), array("q"), array("q"), array("i")
         """The moves as they were carried out: commit, level, module, and which move it is."""
         self.units_of = lru_cache(maxsize=_KEPT)(partial(units_of, self.system))
@@ -344,7 +341,7 @@ class History:
         return found
 
     def _sort(self, number: int, moved: Commit, units: UnitAccesses, modules: UnitAccesses) -> None:
-        def add(value: Json, version: int, what: int) -> None:
+        def add(value: Site, version: int, what: int) -> None:
             unit = unit_in(self.system, value)
             if unit is None:
                 self._fail("units", f"{commit_text(moved)}: {value!r} is no unit")
@@ -445,7 +442,7 @@ class History:
             return
         self._check_motion(moved, move)
         reads, writes = self.units_of(move.action)
-        told = [site_in(unit) for unit, _ in moved.read], [site_in(u) for u, *_ in moved.written]
+        told = [unit for unit, _ in moved.read], [u for u, *_ in moved.written]
         for what, due, found in (("reads", reads, told[0]), ("writes", writes, told[1])):
             if frozenset(found) != due or len(found) != len(due):
                 self._fail("units", f"{commit_text(moved)} {what} other units than its move does")
@@ -473,7 +470,7 @@ class History:
 
     def _named(self, moved: Commit) -> Move | None:
         """Return the move of a commit from where its module stands."""
-        at = site_in(moved.at)
+        at = moved.at
         if not 0 <= moved.module < len(self.sites) or at is None:
             return None
         for move in self.system.moves(self.sites[moved.module]):
@@ -482,12 +479,12 @@ class History:
         return None
 
     def _check_motion(self, moved: Commit, move: Move) -> None:
-        told = [(site_in(source), site_in(target)) for _, source, target, _ in moved.motion]
+        told = [(source, target) for _, source, target, _ in moved.motion]
         if told != list(move.motion) or moved.motion[0][0] != moved.module:
             self._fail("sites", f"{commit_text(moved)}: its motion is not that of its move")
             return
         for module, source, _, _ in moved.motion:
-            if not 0 <= module < len(self.sites) or self.sites[module] != site_in(source):
+            if not 0 <= module < len(self.sites) or self.sites[module] != source:
                 name = commit_text(moved)
                 self._fail("sites", f"{name} takes module_{module} from where it does not stand")
 

@@ -1,8 +1,8 @@
-"""What is missing of what senders said, by their numbers, and what is not checked for want of it.
+"""What is missing of the numbered messages, and what is not checked without it.
 
-Part of `cubepath verify`. Evidence that is lost on its way to the record is no fault of a run:
-where it is lacking, and a message of who would have given it is missing, nothing is said for or
-against. A contradiction is a failure in any case.
+Part of `cubepath verify`. Evidence that was lost on its way to the recording is no fault of a run:
+where a message that would have carried the evidence is missing, nothing is claimed either way. A
+contradiction is a failure in any case.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Losses:
         self._said: dict[tuple[str, int], NumberTable] = {}
         """By sender and incarnation the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}
-        """By sender and incarnation the greatest number that is told."""
+        """By sender and incarnation the greatest reported number."""
         self._speakers: dict[int, set[int]] = {}
         """By module the processes that spoke for it."""
         self._entered: dict[tuple[int, int], int] = {}
@@ -45,11 +45,11 @@ class Losses:
         self._acted: dict[int, tuple[int, int]] = {}
         """By process, incarnation and number of the last message with which it did anything."""
         self._rested: dict[int, tuple[int, int]] = {}
-        """By process the incarnation and the number at which it said last that it rests."""
+        """By process the incarnation and the number at which it last reported that it rests."""
         self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
     def take(self, where: Record, message: FreeMessage, sender: str, fail: Fail) -> None:
-        """Take note of the number of a message."""
+        """Note the number of a message."""
         self._take_parts(message)
         number = getattr(message, "sequence", 0)
         if not number:
@@ -107,11 +107,11 @@ class Losses:
 
     @property
     def of_processes(self) -> bool:
-        """Return whether anything is missing that a module process said."""
+        """Return whether anything is missing that a module process sent."""
         return any(self.of(sender) for sender, _ in self._last if sender.startswith(_PROCESS))
 
     def of_module(self, module: int) -> bool:
-        """Return whether anything is missing that may have been said for a module."""
+        """Return whether anything is missing that may have been sent for a module."""
         speakers = self._speakers.get(module)
         if speakers is None:
             return self.of_processes
@@ -123,7 +123,7 @@ class Losses:
         return self.of_module(module) or self.before(module, epoch)
 
     def of_keepers(self, keepers: Iterable[int]) -> bool:
-        """Return whether anything is missing that one of these keepers said."""
+        """Return whether anything is missing that one of these keepers sent."""
         return any(self.of(keeper_name(keeper)) for keeper in keepers)
 
     @property
@@ -134,7 +134,7 @@ class Losses:
     def at_rest(self, process: int) -> bool:
         """Return whether a process reported in its last incarnation that it rests after all it did.
 
-        If nothing is on record of that incarnation, this counts as missing.
+        If nothing is recorded of that incarnation, this counts as missing.
         """
         acted, rested = self._acted.get(process, (-1, 0)), self._rested.get(process)
         if rested is None or rested < acted:
@@ -158,7 +158,7 @@ class Losses:
         )
 
     def lack(self, fail: Fail, check: str, why: str, *, excused: bool) -> None:
-        """Take note of evidence that is not on record: a failure, unless that is `excused`."""
+        """Note evidence that is not recorded: a failure, unless that is `excused`."""
         if not excused:
             fail(check, why)
             return

@@ -1,4 +1,4 @@
-"""Whether what keepers show, and tell at the end, is what was there.
+"""Whether what keepers show during a run, and report at its end, is what was there.
 
 Part of `cubepath verify`.
 """
@@ -18,8 +18,7 @@ from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.free_units import NO_SITE, unit_in
 from cubepath.coordinator.verification.number_table import NumberTable
-from cubepath.coordinator.verification.transcript import Fail, site_in
-from cubepath.protocol.core.catalogue import Json
+from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import (
@@ -39,7 +38,7 @@ _BLOCK = 1 << 14
 
 
 class VisibilityCheck:
-    """Whether what was shown was there, and goes on with the serial numbers of its tile."""
+    """Whether what was shown was there, and continues with the serial numbers of its tile."""
 
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
@@ -96,7 +95,7 @@ class VisibilityCheck:
                 ),
             )
         for part in held.parts:
-            place = site_in(part.place)
+            place = part.place
             if place is None or not self._system.has_place(place):
                 self._fail("place", f"{where}: {part.place!r} is no place")
                 continue
@@ -123,7 +122,7 @@ class VisibilityCheck:
             self._fail("place", f"{where}: change {message.serial} changes nothing")
         seen = set()
         for part in message.parts:
-            place = site_in(part.place)
+            place = part.place
             if place is None or not self._system.has_place(place) or place in seen:
                 self._fail("place", f"{where}: {part.place!r} is no place, or shown twice")
                 continue
@@ -139,7 +138,7 @@ class VisibilityCheck:
         if there is None:
             self._fail("place", f"{where}: there never was {name}")
             return
-        site = None if part.site is None else site_in(part.site)
+        site = part.site
         if (there.site, there.module) != (site, part.module):
             self._fail("place", f"{where}: {name} is shown as {part.site!r}")
             return
@@ -157,12 +156,11 @@ class VisibilityCheck:
         self._check_reads(where, place, part)
 
     def _check_reads(self, where: Record, place: Site, part: PlaceState) -> None:
-        for value, version, reads in part.reads:
-            unit = site_in(value)
+        for unit, version, reads in part.reads:
             known = None if unit is None else self._history.reads.get(unit)
             most = None if known is None or version >= len(known) else known[version]
             if unit is None or self._unit_place(unit) != place or most is None or reads > most:
-                self._fail("place", f"{where}: {value!r} at version {version}, read {reads} times")
+                self._fail("place", f"{where}: {unit!r} at version {version}, read {reads} times")
 
     def _unit_place(self, unit: Site) -> Site:
         return unit if self._system.labels is not None else self._system.place_of(unit)
@@ -183,7 +181,7 @@ class Serials:
         self._tiles: dict[str, int] = {}
         self._topics: dict[str, int] = {}
         self._messages = array("i"), array("q"), array("i"), array("q")
-        """Of each message its tile, its serial number, its topic, and which it is on record."""
+        """Of each message its tile, its serial number, its topic, and which it is recorded."""
         self._parts = array("i"), array("i"), *(array("q") for _ in range(4))
         """Of each place shown its number, message, version, module or -1, its version, and hash."""
 
@@ -258,7 +256,7 @@ def _same(values: _Rows) -> NDArray[np.bool_]:
 
 
 class Tails:
-    """What keepers tell of all their commits and units."""
+    """What keepers report of all their commits and units."""
 
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
@@ -268,14 +266,14 @@ class Tails:
         self._last: dict[int, tuple[Record, CommitLog]] = {}
 
     def tail(self, where: Record, tail: CommitLog) -> None:
-        """Check what a keeper tells of all its commits."""
+        """Check what a keeper reports of all its commits."""
         found = len(self._said.commits.serials(tail.keeper))
         if tail.serial > found:
             self._fail(
                 "tails",
                 f"{where}: keeper_{tail.keeper} has {tail.serial} commits, on record are {found}",
             )
-        if len({site_in(unit) for unit, *_ in tail.units}) < len(tail.units):
+        if len({unit for unit, *_ in tail.units}) < len(tail.units):
             self._fail("tails", f"{where}: a unit comes twice")
         for unit in tail.units:
             self._check_unit(where, unit)
@@ -313,16 +311,15 @@ class Tails:
             yield f"{where}: {tail.prepared} attempts are under way at the end"
         else:
             yield from self._other_units(where, tail)
-        # With commits left to tell, a keeper tells of no unit yet.
+        # While it has commits left to report, a keeper reports no unit.
         if not tail.prepared and (not tail.parts or tail.parts[-1].serial == tail.serial):
-            for unit in sorted(touched - {site_in(unit) for unit, *_ in tail.units}, key=repr):
+            for unit in sorted(touched - {unit for unit, *_ in tail.units}, key=repr):
                 yield f"{where}: it leaves out {site_text(unit)}"
 
-    def _check_unit(self, where: Record, told: tuple[Json, int, int, int, Json]) -> None:
-        value, version, level, reads, shown = told
+    def _check_unit(self, where: Record, told: tuple[Site, int, int, int, Site | None]) -> None:
+        value, version, level, reads, site = told
         history = self._history
         unit = unit_in(history.system, value)
-        site = None if shown is None else site_in(shown)
         if unit is None or not history.at_unit(unit, version)[0]:
             self._fail("tails", f"{where}: {value!r} never had version {version}")
             return
@@ -340,11 +337,10 @@ class Tails:
         return self._tiles.keeper_of(unit if system.labels is not None else system.place_of(unit))
 
     def _other_units(self, where: Record, tail: CommitLog) -> Iterator[str]:
-        for value, version, _, reads, _ in tail.units:
-            unit = site_in(value)
+        for unit, version, _, reads, _ in tail.units:
             known = None if unit is None else self._history.reads.get(unit)
             if known is not None and (version, reads) != (len(known) - 1, known[-1]):
                 yield (
-                    f"{where}: {value!r} has version {version}, read {reads} times; derived are"
+                    f"{where}: {unit!r} has version {version}, read {reads} times; derived are"
                     f" version {len(known) - 1}, read {known[-1]} times"
                 )

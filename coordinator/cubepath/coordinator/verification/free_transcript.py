@@ -1,9 +1,9 @@
-"""The messages of a run without rounds, by what they are about, before any of it is derived.
+"""The messages of a run without rounds, by subject, before any of it is derived.
 
 Part of `cubepath verify`: it shares only the decoding of messages with a run.
 
-No message is kept but for results: of a commit there are its numbers, of the others a few numbers
-and hashes each. Once all commits are known the messages are read again, and checked one by one.
+Only results are kept whole: of a commit its numbers are kept, of other messages a few numbers and
+hashes each. Once all commits are known the messages are read again, and checked one by one.
 """
 
 from __future__ import annotations
@@ -25,13 +25,7 @@ from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, NumberTable, PackedCommits
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
-from cubepath.coordinator.verification.transcript import (
-    Fail,
-    SharedMoves,
-    Transcript,
-    is_cut_off,
-    site_in,
-)
+from cubepath.coordinator.verification.transcript import Fail, SharedMoves, Transcript, is_cut_off
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
@@ -78,16 +72,16 @@ _LIMITED = ("keeper", "process", "to", "module")
 
 
 class KeeperPart(NamedTuple):
-    """A part of a message, with where it stands and who says it to whom."""
+    """A part of a message, with its position, sender and receiver."""
 
     where: Record
     keeper: int
     """The keeper that says it."""
     to: int
-    """The keeper or the process that it is said to."""
+    """The keeper or the process to which it is sent."""
     part: Forwarded | Decision | Inquiry | Settled | Entered
     told: bool
-    """Whether it is said to a process."""
+    """Whether it is sent to a process."""
 
 
 @dataclass(slots=True)
@@ -99,7 +93,7 @@ class FreeTranscript:
     """By module the processes that spoke for it."""
     commits: PackedCommits = field(default_factory=PackedCommits)
     acknowledged: set[tuple[AttemptId, int]] = field(default_factory=set)
-    """The attempts of which a keeper said that it knows of the commit, with that keeper."""
+    """The attempts whose commit a keeper reports to know, with that keeper."""
     shown: dict[Site, ShownVersions] = field(default_factory=dict)
     """By place what was shown of it."""
     turns: TurnNumbers = field(default_factory=TurnNumbers)
@@ -108,7 +102,7 @@ class FreeTranscript:
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their incarnations that asked where they stand."""
     stands: dict[tuple[int, int], Site] = field(default_factory=dict)
-    """Where a module was first told that it stands, by module and epoch."""
+    """The first place that a module was told it stands at, by module and epoch."""
     holds: AskedHolds = field(default_factory=AskedHolds)
     looks: set[tuple[int, str]] = field(default_factory=set)
     """Tiles of which all was asked for, with the keeper that was asked."""
@@ -286,15 +280,15 @@ class FreeReading:
             if isinstance(part, Held):
                 self._shown(part.parts)
             elif isinstance(part, Entered):
-                occupant, site = part.occupant, site_in(part.site)
+                occupant, site = part.occupant, part.site
                 if site is not None:
                     self.found.stands.setdefault((occupant.module, occupant.epoch), site)
 
     def _shown(self, parts: Iterable[PlaceState], *, once: bool = False) -> None:
-        """Take note of the versions shown; `once` each place counts in a message."""
+        """Note the versions shown; `once` each place counts in a message."""
         seen: set[Site] = set()
         for part in parts:
-            place = site_in(part.place)
+            place = part.place
             try:
                 if place is None or not self._system.has_place(place) or place in seen:
                     continue

@@ -1,7 +1,7 @@
 """What a rule was shown in each turn, and whether its attempt is what it chose.
 
 Part of `cubepath verify`: a turn names the versions of what it was shown, and the history says what
-was there. It asks no rule: whoever has rules is a `FreePlayer`.
+was there. It asks no rule: code that has rules implements `FreePlayer`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from cubepath.coordinator.verification.free_transcript import (
 )
 from cubepath.coordinator.verification.free_units import NO_SITE, on_unit
 from cubepath.coordinator.verification.number_table import Name
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import Register, Turn, Turns
@@ -67,7 +66,7 @@ class _Progress:
 
     due: Iterator[Name]
     next: Name | None
-    """The next turn on record; those after it wait."""
+    """The next turn in the recording; those after it wait."""
     waiting: dict[Name, Turn] = field(default_factory=dict)
     before: Turn | None = None
     last: dict[Site, tuple[int, int]] = field(default_factory=dict)
@@ -81,8 +80,8 @@ class _Progress:
 class TurnsOfModules:
     """The turns of a run.
 
-    Those of a module are checked in their order, as they stand on record unless one had to be
-    repeated: then those behind it wait for it.
+    Those of a module are checked in their order, as they stand in the recording unless one had to
+    be repeated: then those behind it wait for it.
     """
 
     def __init__(
@@ -154,12 +153,12 @@ class TurnsOfModules:
             self._player.turn(seen, self._another_choice)
 
     def _lack(self, module: int, epoch: int, why: str) -> None:
-        """Take note of what the process of a module said and is not on record."""
+        """Note messages of a module's process that are not recorded."""
         excused = self._losses.of_module(module) or self._losses.before(module, epoch)
         self._losses.lack(self._fail, "turns", why, excused=excused)
 
     def _not_shown(self, turn: Turn, why: str, keepers: Iterable[int]) -> None:
-        """Take note of what keepers said to a module and is not on record."""
+        """Note messages of keepers to a module that are not recorded."""
         before = self._losses.before(turn.module, turn.epoch)
         excused = before or self._losses.of_keepers(keepers)
         self._losses.lack(self._fail, "turns", why, excused=excused)
@@ -169,7 +168,7 @@ class TurnsOfModules:
         system = self._system
         fresh = self._follows(turn, at)
         standing = self._history.module(turn.module, turn.version)
-        site = site_in(turn.site)
+        site = turn.site
         if standing is None or standing.site != site:
             where = f"at {turn.site!r} at version {turn.version}"
             self._fail("turns", f"{turn_text(turn)}: it does not stand {where}")
@@ -338,11 +337,9 @@ class TurnsOfModules:
         place = system.place_of(seen.site)
         move = self._chosen(seen)
         notes: dict[Site | None, tuple[Register, Register | None]] = {}
-        for value in turn.heeds:
-            at = site_in(value)
+        for at in turn.heeds:
             notes[at] = _register(seen, place, at), None
-        for value, new in turn.exchanges:
-            at = site_in(value)
+        for at, new in turn.exchanges:
             notes[at] = _register(seen, place, at), new
         if turn.note is not None:
             notes[place] = seen.register, None if turn.note == seen.register else turn.note
@@ -373,8 +370,7 @@ class TurnsOfModules:
     def _guards(self, seen: TurnView) -> set[Site]:
         system = self._system
         found: set[Site] = set()
-        for value in seen.turn.guards:
-            at = site_in(value)
+        for at in seen.turn.guards:
             if at is None or not system.has_place(at):
                 continue
             there = seen.standing.get(at)

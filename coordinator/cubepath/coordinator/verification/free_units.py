@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -19,9 +17,8 @@ NO_SITE = (TypeError, ValueError, IndexError, KeyError, AttributeError, Overflow
 """What systems raise, beside `InputError`, for a value that is none of their sites."""
 
 
-def unit_in(system: System, value: Json) -> Site | None:
-    """Return the unit in a message, or None if the system has no such unit."""
-    unit = site_in(value)
+def unit_in(system: System, unit: Site) -> Site | None:
+    """Return a unit that a message names, or None if the system has no such unit."""
     try:
         place = unit if system.labels is not None else system.place_of(unit)
         return unit if system.has_place(place) else None

@@ -1,8 +1,6 @@
-"""Whole numbers by whole numbers, eight bytes each: what is kept of each message of a long run.
+"""A table from whole numbers to whole numbers, eight bytes each: the record of a long run.
 
-Part of `cubepath verify`.
-
-The commits of a run without rounds, some fifty bytes each.
+Part of `cubepath verify`. The commits of a run without rounds take some fifty bytes each.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ from typing import Any, TypeAlias, overload
 import msgspec
 from msgspec.structs import astuple, fields
 
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.free_messages import Commit
 
 _NONE = -(1 << 63)
@@ -132,10 +131,10 @@ class Names:
 
 
 _KEPT = 256
-"""So many commits are kept as they were decoded: what is said of one stands close together."""
+"""This many commits are kept as they were decoded: the numbers of one stand close together."""
 _pack = msgspec.msgpack.Encoder().encode
 _row: Any = tuple[tuple(each.type for each in fields(Commit))]  # type: ignore[misc]  # by its fields
-_unpack = msgspec.msgpack.Decoder(_row).decode
+_unpack = msgspec.msgpack.Decoder(_row, dec_hook=site_hook).decode
 
 
 class PackedCommits(Sequence[Commit]):

@@ -1,8 +1,8 @@
 """The pace of a run: each phase begins once, in its order, when every process has answered.
 
 Part of `cubepath verify`. It follows the messages in the order in which they were recorded, which
-is that in which the coordinator put and heard them, and holds one phase at a time. docs/protocol.md
-has the phases.
+is the order in which the coordinator sent and received them, and holds one phase at a time.
+docs/protocol.md has the phases.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _AFTER = {
 }
 """The phases that may follow a phase, each with how many rounds later."""
 _COUNTING = {"sense": ("claim", "observe"), "claim": ("settle",)}
-"""The phases before which it is counted what was said, each with those that tell the counts."""
+"""The phases before which messages are counted, each with those that carry the counts."""
 
 
 class Pacing:
-    """The phases of a run as they are on record; `fail` is called for each violation."""
+    """The phases of a run as they are recorded; `fail` is called for each violation."""
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
         """Begin before the first message, when processes are still to join."""
@@ -62,7 +62,7 @@ class Pacing:
         self._told: set[int] = set()
 
     def take(self, message: Message) -> None:
-        """Take the next message on record."""
+        """Take the next message in the recording."""
         match message:
             case Go():
                 self._go(message)
@@ -171,7 +171,7 @@ class Pacing:
         return bool(self._ready or self._said) or self.round > 0
 
     def missing(self) -> int:
-        """Return how many messages of the last phase were counted, and are not on record."""
+        """Return how many messages of the last phase were counted, and are not recorded."""
         return sum(
             max(0, sum(counts.values()) - len(self._said.get(process, ())))
             for process, counts in self._ready.items()

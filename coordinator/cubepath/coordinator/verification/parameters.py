@@ -1,10 +1,10 @@
 """Whether the parameters of a recording are those of a run, and fit its scene.
 
-Part of `cubepath verify`. A parameter that is missing is not held against a recording: those
-written by other programs have fewer. One that no run has is.
+Part of `cubepath verify`. A missing parameter is no failure: recordings written by other programs
+have fewer. An unknown one is.
 
-A run whose modules chose at first as they did in another recording has stages: who follows which
-rule up to there, and which from there on, each with the seed of ranks and of what it draws. So the
+A run whose modules repeat another recording at first has stages: which modules follow which rule up
+to a round, and which from there on, each stage with the seed of ranks and of random choices. So the
 rules can be asked again.
 """
 
@@ -25,7 +25,7 @@ from cubepath.protocol.wire.keys import Tiles
 
 CHECK = "parameters"
 RECORDED = "recorded"
-"""The rule of modules that choose as on record, by its name in parameters."""
+"""The rule of modules that choose as in the recording, by its name in parameters."""
 _SPANS = re.compile(r"\d{1,6}(-\d{1,6})?(,\d{1,6}(-\d{1,6})?)*", re.ASCII)
 _MODULES_MAX = 1 << 20
 _WHOLE = "whole_messages"

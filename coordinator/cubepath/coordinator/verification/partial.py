@@ -1,15 +1,13 @@
-"""Verifying a part of a run: from where it was attached to, of some topics, or cut from the middle.
+"""Verifying part of a run: one recorded from the middle, of some topics only, or cut, or damaged.
 
-Part of `cubepath verify`. Where modules stood when it begins is not on record, nor what rules
-remembered; so each message is checked by itself, and what would have to be derived is said not to
-be checked.
+Part of `cubepath verify`. The recording of such a part says neither where modules stood when it
+begins, nor what rules remembered. So each message is checked separately, and what would have to be
+derived is reported as not checked.
 
-Verifying a recording that damage has left with a hole: what stands before it as ever.
-
-Part of `cubepath verify`. Messages are numbered in the order of writing, and what is recovered
-keeps its numbers. What modules remember, and where they stand, follows from all that was said
-before, so after the hole each message is checked by itself, and what would have to be derived is
-said not to be checked.
+A recording that damage has left with a hole is verified as usual up to the hole. Messages are
+numbered in the order of writing, and recovered ones keep their numbers. Where modules stand and
+what they remember follows from everything before, so after the hole each message is checked
+separately too.
 """
 
 from __future__ import annotations
@@ -68,8 +66,8 @@ def verify_partial(
 ) -> Verification:
     """Check each message by itself; `rounds` counts the whole ones, of which all have reported.
 
-    Without rounds it counts the levels of which there are commits. The moves and cubes are those on
-    record: nothing is derived.
+    Without rounds it counts the levels of which there are commits. The moves and cubes are those in
+    the recording: nothing is derived.
     """
     failures = Failures(checks)
     fail = failures.stage(0)
@@ -181,7 +179,7 @@ def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[
 
 
 def moves_in(recording: Recording) -> int:
-    """Return how many moves are on record; 0 if a message that tells of one is malformed."""
+    """Return how many moves are recorded; 0 if a message that carries one is malformed."""
     try:
         return len(recording.moves()["round"])
     except InputError:  # told by `messages`
@@ -196,7 +194,7 @@ Blocks = Iterable[tuple[Iterable[Record], float]]
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """Where messages are missing for the first time that were on record once."""
+    """Where messages are missing for the first time that were recorded once."""
 
     begins: int
     """The number of the first that is missing."""
@@ -321,6 +319,6 @@ def _joined(before: Check, message_by_message: Check, why: str) -> Check:
     if before.name in ("readable", "parameters", "messages"):
         return before
     told = before.detail.removeprefix("not checked: ")
-    # What is said at the end may stand behind the hole.
+    # The closing messages may stand behind the hole.
     details = [why] if before.checked or before.detail == NO_END else [why, told]
     return Check(before.name, ok=True, detail="; ".join(filter(None, details)), checked=False)

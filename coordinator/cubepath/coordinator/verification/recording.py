@@ -38,8 +38,8 @@ def verify(
 
     Every check of `CHECKS` is made, whether the others pass or fail. Checks on rounds are made on
     the rounds, from the first on, that all modules have reported. If the end of a recording is
-    lost, only `complete` fails, or no check if the recording says that it was recovered; what is
-    said at the end is not `checked`. Nothing is raised, unless the file cannot be read, or is
+    lost, only `complete` fails, or no check if the recording says that it was recovered; the
+    closing messages are not `checked`. Nothing is raised, unless the file cannot be read, or is
     changed while it is read.
 
     The rules of the modules are asked again by a `player`, a new one of which is made for each

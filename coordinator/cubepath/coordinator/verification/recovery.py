@@ -1,7 +1,7 @@
-"""Recovering what can be read of a damaged recording, also when it has lost its scene.
+"""Recovering what can be read of a damaged recording, even one that has lost its scene.
 
-Part of `cubepath log recover -o`: what cannot be is found at the first message that contradicts
-it; what comes of all of them is for `verify` to say.
+Part of `cubepath log recover -o`. What cannot be true is found at the first message that
+contradicts it; `verify` judges the rest.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 
 from cubepath.coordinator.verification.partial import whole_rounds
 from cubepath.coordinator.verification.transcript import RECOVERED
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.sites import Site, site_from_json, site_text
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cutting import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
@@ -45,10 +45,10 @@ def recover(
     """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
     Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
-    that has lost its own; without one, the messages are written alone, which other tools can read,
-    and which is a recording again when it is recovered with the scene. InputError if no message can
-    be read, if they cannot be of the scene, if `out` is the recording itself, or if it cannot be
-    written.
+    that has lost its scene; without one, the messages are written alone, which other tools can
+    read, and which is a recording again when it is recovered with the scene. InputError if no
+    message can be read, if they cannot be of the scene, if `out` is the recording itself, or if it
+    cannot be written.
 
     >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
     >>> found.rounds, found.problems, verify("copy.mcap").ok
@@ -71,7 +71,7 @@ def recover(
 
 
 def with_told_scene(remains: Remains, scene: Scene) -> Remains:
-    """Return what remains of a recording, with its scene as it is told.
+    """Return what remains of a recording, with the scene that you supply.
 
     InputError in one line if the recording has another scene, names another system, or has a
     message that cannot be of this one.
@@ -147,12 +147,12 @@ def _silent(recording: Recording, reported: Mapping[int, set[int]]) -> Iterator[
         yield f"{who}: no report in {rounds} rounds; the system has {modules} modules"
 
 
-def _report(recording: Recording, where: str, module: int, begins: Json | None) -> Iterator[str]:
+def _report(recording: Recording, where: str, module: int, begins: Site | None) -> Iterator[str]:
     start = recording.scene.start
     if module >= len(start):
         yield f"{where}, module_{module}: the system has {len(start)} modules"
         return
-    found: Site | None = None if begins is None else site_from_json(begins)
+    found: Site | None = begins
     if found is not None and found != start[module]:
         yield (
             f"{where}, module_{module}: begins at {site_text(found)}, in the system at"

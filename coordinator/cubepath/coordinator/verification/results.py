@@ -1,6 +1,6 @@
-"""What the coordinator says of a run at its end, compared with what was derived.
+"""What the coordinator says about a run at its end, compared with what was derived.
 
-Part of `cubepath verify`; runs with rounds and without end alike, with `concluded`.
+Part of `cubepath verify`; runs with rounds and without both end with `concluded`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cubepath.coordinator.verification.findings import (
 )
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -30,7 +30,7 @@ from cubepath.protocol.wire.messages import Cube
 
 
 def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
-    """Return why checks of what is said at the end of a run were not made, by name.
+    """Return why checks of the closing messages of a run were not made, by name.
 
     Without a summary `complete` is not checked either, if the recording says itself that its end
     may be missing (`cut_off`); else it fails. A certificate that is not there proves nothing.
@@ -44,7 +44,7 @@ def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
 
 
 def recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
-    """Return the cubes on record, None if a move of them is none of the system."""
+    """Return the recorded cubes, None if a move of them is none of the system."""
     cubes: list[list[Action]] = []
     for cube in transcript.result:
         actions = _actions(scene, cube, fail)
@@ -63,11 +63,11 @@ def check_cubes(
     *,
     whole: bool,
 ) -> None:
-    """Check the cubes on record against those derived, and the state after them."""
+    """Check the recorded cubes against those derived, and the state after them."""
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
     if not whole:
-        # That the end is missing is reported already: the cubes on record must be the first ones.
+        # That the end is missing is reported already: the recorded cubes must be the first ones.
         normal_form = normal_form[: len(cubes)]
     elif end is not None and end != state:
         stray = min(end ^ state, key=repr)
@@ -86,7 +86,7 @@ def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
     found = []
     for placed in cube.moves:
         try:
-            found.append(scene.system.action(placed.generator, site_in(placed.at)))
+            found.append(scene.system.action(placed.generator, placed.at))
         except InputError as error:
             fail("normal", f"cube {cube.index}: {error}")
             return None
@@ -151,7 +151,7 @@ def concluded(
     missing: MissingMessages,
     unchecked: Mapping[str, str],
 ) -> Verification:
-    """Compare the end on record with what was derived, and return the result.
+    """Compare the recorded end with what was derived, and return the result.
 
     What fails is found in a `stage`. `unchecked` says of checks on the rest why they were not made.
     """

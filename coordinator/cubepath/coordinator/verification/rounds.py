@@ -2,12 +2,8 @@
 
 Part of `cubepath verify`: it shares only the catalogue (`System.moves`), `commute` and the
 neighbourhoods of the system (`sensed`, `reach`) with a run. States, ranks, winners and deliveries
-are derived again, by their definitions.
-
-Batches: what the modules of a process say in a phase goes to the regions that it is for.
-
-Part of `cubepath verify`: where each part has to go is derived from the neighbourhoods of the
-system.
+are derived again, by their definitions. So are the regions to which each part of a bundle had to
+go.
 """
 
 from __future__ import annotations
@@ -27,10 +23,9 @@ from cubepath.coordinator.verification.transcript import (
     RecordedRound,
     Transcript,
     named,
-    site_in,
 )
 from cubepath.protocol.core.actions import Action, commute
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json, Move
+from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -107,12 +102,10 @@ class Batches:
         """Return the regions that a part is for; None if one of its sites is malformed."""
         try:
             if isinstance(part, Verdict):
-                places = [site_in(place) for place in part.to]
-                if all(self._is_place(place) for place in places):
-                    return frozenset(self._system.region(place) for place in places)
+                if all(self._is_place(place) for place in part.to):
+                    return frozenset(self._system.region(place) for place in part.to)
                 return None
-            site = site_in(part.site)
-            place = None if site is None else self._system.place_of(site)
+            place = self._system.place_of(part.site)
             if self._is_place(place):
                 return self._regions(place, kind_of(part) == "presence")
         except (TypeError, IndexError, ValueError, InputError):
@@ -203,7 +196,7 @@ class Rederivation:
         self._fail = fail
 
     def round(self, number: int, said: RecordedRound) -> None:
-        """Derive a round and check everything said and reported in it."""
+        """Derive a round and check everything sent and reported in it."""
         where = f"round {number}"
         while self._stages and self._stages[0].begins <= number:
             stage = self._stages.popleft()
@@ -248,11 +241,10 @@ class Rederivation:
             if why != _NO_EDGES or number < last or transcript.summary is not None:
                 self._fail("edges", f"round {number}: {why}")
 
-    def _move(self, module: int, generator: str, at: Json) -> Move | None:
+    def _move(self, module: int, generator: str, at: Site) -> Move | None:
         """Return the move of that name that the module can propose from its place, or None."""
-        place = site_in(at)
         for move in self._system.moves(self.sites[module]):
-            if move is not None and move.generator == generator and move.at == place:
+            if move is not None and move.generator == generator and move.at == at:
                 return move
         return None
 
@@ -301,7 +293,7 @@ class Rederivation:
                 ("stood", report.before, before[module]),
                 ("stands", report.site, self.sites[module]),
             ):
-                if site_in(told) != true:
+                if told != true:
                     self._fail(
                         "sites", f"{named(report)} says it {what} at {told}, not at {true!r}"
                     )
@@ -310,7 +302,7 @@ class Rederivation:
         for message in said.said.values():
             if isinstance(message, Note):
                 self._check_note(message)
-            if site_in(message.site) != self.sites[message.module]:
+            if message.site != self.sites[message.module]:
                 self._fail(
                     "bundle",
                     f"{named(message)} is from {message.site}, but it stood at"
@@ -382,7 +374,7 @@ class Rederivation:
                 "claims", f"{named(report)} says claim {report.claim}, by rank it is {expected}"
             )
         due = (claim.generator, claim.at) if claim is not None and granted else None
-        made = report.move and (report.move.generator, site_in(report.move.at))
+        made = report.move and (report.move.generator, report.move.at)
         if made != due:
             self._fail("claims", f"{named(report)}: its move is not the claim that it was granted")
 
@@ -401,7 +393,7 @@ class Rederivation:
             self._fail("claims", f"{where}: it claimed nothing")
         elif verdict.granted != granted:
             self._fail("claims", f"{where}: granted is {verdict.granted}, by rank it is {granted}")
-        if {site_in(place) for place in verdict.to} != waiting:
+        if set(verdict.to) != waiting:
             self._fail("claims", f"{where}: it goes to modules other than those that wait for it")
 
     def _check_hearing(self, said: RecordedRound) -> None:
@@ -458,7 +450,7 @@ def _splitmix(key: int, index: int) -> int:
 
 
 def _addressed(message: ModuleMessage, place: Site) -> bool:
-    return not isinstance(message, Verdict) or place in map(site_in, message.to)
+    return not isinstance(message, Verdict) or place in message.to
 
 
 def is_note(numbers: Sequence[int], note_length: int) -> bool:

@@ -1,4 +1,4 @@
-"""A transcript: the messages of a recording by round and speaker, before any of it is checked.
+"""A transcript: the messages of a recording by round and sender, before any of it is checked.
 
 Part of `cubepath verify`: it shares only the decoding of messages with a run.
 """
@@ -12,9 +12,9 @@ from typing import NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.cutting import whole_of
 from cubepath.protocol.recordings.description import ATTACHED
@@ -68,8 +68,8 @@ def is_cut_off(recording: Recording) -> bool:
 class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
     """A message is of a round that was closed, since it stands where that round is over.
 
-    Recordings with such messages are wrong, but what else is wrong with them can still be told: all
-    rounds have to be kept to the end.
+    Recordings with such messages are wrong, but what else is wrong with them can still be reported:
+    all rounds have to be kept to the end.
     """
 
 
@@ -158,7 +158,7 @@ class SharedMoves:
         return replace(cube, moves=[*map(self._shared, cube.moves)])
 
     def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
-        at = site_in(placed.at)
+        at = placed.at
         return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
 
 
@@ -166,7 +166,7 @@ class Sorting:
     """Sorts the messages of a recording; `fail` is called for what is wrong without any derivation.
 
     That is `messages` (each decodes, and stands under its own topic and round), messages that come
-    twice and differ (`said`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
+    twice and differ (`bundle`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
 
     A round is closed when none of its messages is still to come. It is dropped then, so that memory
     holds only the rounds in progress.
@@ -238,7 +238,7 @@ class Sorting:
         found = self.found
         for number in sorted(number for number in self._rounds if number < least):
             this = self._rounds.pop(number)
-            # What is said of them is the same whatever the order of arrival.
+            # The report on them is the same whatever the order of arrival.
             this.said = dict(sorted(this.said.items()))
             this.reports = dict(sorted(this.reports.items()))
             if self._scheduled and this.reports:
@@ -307,7 +307,8 @@ class Sorting:
             self._last = max(self._last, message.round)
         else:
             known = this.said.setdefault((kind_of(message), message.module), message)
-        # What is said twice counts once: a part stands in a batch for each region that it goes to.
+        # A message sent twice counts once: a part stands in a batch for each region that it goes
+        # to.
         if known is not message and known != message:
             self._fail(check, f"{named(message)} comes twice, and differs")
 
@@ -326,17 +327,9 @@ class Sorting:
 def _carried(reports: Mapping[int, Report]) -> ScheduledRound:
     moves = (report.move for report in reports.values())
     return ScheduledRound(
-        frozenset((move.generator, site_in(move.at)) for move in moves if move is not None),
+        frozenset((move.generator, move.at) for move in moves if move is not None),
         tuple((n, each.failed) for n, each in reports.items() if each.failed is not None),
     )
-
-
-def site_in(value: Json) -> Site | None:
-    """Return the site in a message, or None, which is never a site, if it is malformed."""
-    try:
-        return site_from_json(value)
-    except InputError:
-        return None
 
 
 def _message(record: Record, fail: Fail) -> Message | None:
@@ -375,7 +368,7 @@ def named(message: ModuleMessage | Report) -> str:
 def check_complete(found: Transcript, fail: Fail, last: str, *, cut_off: bool) -> None:
     """Check that there is a summary, and as many cubes as it counts.
 
-    `last` is the last round or level on record.
+    `last` is the last round or level in the recording.
     """
     summary = found.summary
     if summary is None:

@@ -3,10 +3,8 @@
 Source: Abrams and Ghrist, definition of catalogue and action; the hexagonal and arm generators
 follow their examples. A catalogue is data: it can be written to and read from a file.
 
-How a move is named outside a process: by its generator and where that is placed.
-
-Messages, files and schedules use this form. `at` is a site as decoded from JSON, in which lists
-stand for tuples; `cubepath.protocol.core.sites.site_from_json` makes it a site.
+Outside a process, a move is named by its generator and where that is placed, a
+`GeneratorPlacement`: in messages, files and schedules.
 """
 
 from __future__ import annotations
@@ -22,20 +20,34 @@ from cubepath.protocol.core.actions import Action, State, end_at
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 
-Json: TypeAlias = Any
-"""A site as decoded from JSON; `site_from_json` makes it a site again."""
-
 
 class GeneratorPlacement(msgspec.Struct, frozen=True):
     """An action by the name of its generator and where it is placed."""
 
     generator: str
-    at: Json
+    at: Site
+
+
+_SITE = {"$comment": "site"}
+"""Stands for a site until `_any_site` takes it away: msgspec has no schema that allows anything."""
+
+
+def _any_site(schema: Any) -> Any:
+    """Return a schema in which a site may be anything; its lists in lists have no schema."""
+    if isinstance(schema, list):
+        return [_any_site(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {
+        key: _any_site(value)
+        for key, value in schema.items()
+        if key != "$comment" and not (key == "anyOf" and _SITE in value)
+    }
 
 
 def schema_with_definitions(kind: type[msgspec.Struct]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the JSON Schema (2020-12) of an object, and by name the schemas that it refers to."""
-    schema = msgspec.json.schema(kind)
+    schema = _any_site(msgspec.json.schema(kind, schema_hook=lambda _: _SITE))
     definitions: dict[str, Any] = schema.pop("$defs", {})
     name = str(schema.pop("$ref", "")).rpartition("/")[2]
     return definitions.pop(name, schema), definitions

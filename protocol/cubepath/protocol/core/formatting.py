@@ -1,12 +1,7 @@
-"""Words in messages: counts, nearest known names, and text that is safe for a terminal.
+"""Text for messages: counts, nearest known names, and text that is safe for a terminal.
 
-Text that is safe for a terminal: control characters are shown, not obeyed.
-
-Names, ids and file names may hold any character, escape sequences and line breaks included.
-
-Counts of things in words.
-
-Suggestions for unknown names: the nearest known one, if any is near.
+Names, ids and file names may hold any character, escape sequences and line breaks included. In text
+that is safe for a terminal, control characters are shown, not obeyed.
 """
 
 from __future__ import annotations

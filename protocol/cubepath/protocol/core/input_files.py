@@ -1,9 +1,9 @@
 """Input files: each opened once, inspected to tell its format, and read from its start.
 
 Every reader takes a path, or a file that is already open because its format was inspected. So a
-command opens each of its inputs once, and all that it reports concerns one moment. Input that
-cannot be rewound, such as a pipe, is read into memory. Only the files that are given are touched,
-and those that they name in their own folder; see `file_within`.
+command opens each of its inputs once, and everything it reports concerns one moment. Input that
+cannot be rewound, such as a pipe, is read into memory. Readers open only the files they are given,
+and those that these name in their own folder; see `file_within`.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ class OptionField:
         )
 
     def check(self, value: object, key: str | None = None) -> None:
-        """Check a value from Python; OptionError, by the name `key`, if the option cannot have it."""
+        """Check a value from Python; OptionError, by the name `key`, if it does not fit."""
         key = key or self.key
         if value is None and self.may_be_none:
             return

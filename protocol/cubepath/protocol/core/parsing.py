@@ -1,15 +1,12 @@
-"""Text from users, parsed with every failure as one line: TOML, `name:key=value`, keys given twice.
+"""Parsing text from users, with every failure as one line: TOML, `name:key=value`, repeated keys.
 
-Duplicate keys in a JSON object: parsers silently take the last one.
+Names with keys, `name:key=value,...`, are how scenes and plan formats are written on one line.
 
-The check is cheap: the decoded value tells how many keys the text must have, and if it has no more
-colons than that, no key is a duplicate.
+A JSON object may hold a key twice, and parsers silently take the last one. The check is cheap: the
+decoded value tells how many keys the text must have, and if the text has no more colons than that,
+no key is repeated.
 
-Names with keys, `name:key=value,...`: how scenes and plan formats are written on one line.
-
-TOML text, parsed with every failure as one line.
-
-The parser of the standard library takes quadratic time for a key of many dotted parts, so such keys
+The standard library's TOML parser takes quadratic time for a key of many dotted parts, so such keys
 are refused before it sees them.
 """
 

@@ -11,7 +11,7 @@ from cubepath.protocol.core.errors import InputError, OptionError
 _RANGE = re.compile(r"(-?\d{1,18})\.\.(-?\d{1,18})(?:\.\.(-?\d{1,18}))?", re.ASCII)
 _WHOLE = re.compile(r"-?\d{1,18}", re.ASCII)
 MOST = 1_000_000
-"""A range or a product of ranges has at most so many values: more is taken for a slip."""
+"""A range or a product of ranges has at most this many values: more is taken for a slip."""
 LARGEST = 10**18 - 1
 """The largest whole number that a sweep takes; one more digit may not fit into a column."""
 
@@ -42,7 +42,7 @@ def values(text: str, where: str) -> list[str]:
 def expanded(text: str) -> list[str]:
     """Return the names that a name with ranges and lists of values stands for, in their order.
 
-    A part between commas that is no KEY=VALUE goes on with the values of the key before it. The
+    A part between commas that is no KEY=VALUE continues with the values of the key before it. The
     last key changes fastest. InputError for an empty range.
 
     >>> expanded("agv:graph=K5,C8,n=2..3")

@@ -1,9 +1,9 @@
 """Sites: the hashable places of a workspace, their JSON form, canonical order and key chunks.
 
-A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
-``(x, y, axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
+A site is a number, a text or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge ``(x, y,
+axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
 
-Numbers for things in order of first use: how sites become integers and bits.
+`Ordinals` numbers things in order of first use: so sites become integers and bits.
 """
 
 from __future__ import annotations
@@ -50,6 +50,19 @@ def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
         return value
     found = site_text(value) if value is None or isinstance(value, bool) else repr(value)
     raise InputError(f"a site is a JSON number, string or list, found {found}")
+
+
+def site_hook(kind: type, value: object) -> Site:
+    """Decode a field of type `Site`: the ``dec_hook`` of every decoder of structs with sites.
+
+    Raises ValueError, which msgspec reports with the place of the field.
+    """
+    if kind is not Hashable:
+        raise NotImplementedError(f"no field of type {kind} can be decoded")
+    try:
+        return site_from_json(value)
+    except InputError as error:
+        raise ValueError(str(error)) from None
 
 
 def sites_from_json(values: Iterable[object]) -> tuple[Site, ...]:

@@ -5,10 +5,9 @@ modules could be in its way, at the cost of the neighbourhood. It does not know 
 so a rule that is given a system gets only the static map.
 
 The class of a system answers every question about it: how it is written and read, how its sites are
-drawn, where modules can go, what is known of its paths. Code that asks for a class or a name
-instead would work only with the systems of today, so there is none.
-
-The graph that vehicles move on: vertices, edges and neighbours.
+drawn, where modules can go, what is known of its paths. No other code asks for a class or a name,
+which would work only with today's systems. A system on a graph also has its vertices, edges and
+neighbours.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Catalogue, Json, Move
+from cubepath.protocol.core.catalogue import Catalogue, Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -65,7 +64,7 @@ class Placed(Protocol):
         ...
 
     @property
-    def at(self) -> Json:
+    def at(self) -> Site:
         """Where it is placed."""
         ...
 
@@ -211,7 +210,7 @@ class System(ABC):
 
     def read_action(self, placed: Placed) -> Action:
         """Return the action of a generator and a place in JSON form; InputError if unknown."""
-        return self.action(placed.generator, site_from_json(placed.at))
+        return self.action(placed.generator, placed.at)
 
     def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
         """Return the move of this generator and place whose mover is a module at `site`.
@@ -423,7 +422,7 @@ class Scene:
     """A system with the start of its modules and, if they have one, their goal.
 
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
-    None; `goals` lists what each module knows of it from birth (for vehicles one vertex, for a
+    None; `goals` lists what each module knows of it from the start (for vehicles one vertex, for a
     chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it.
 
     >>> scene = scene_from_spec("hex:n=3")

@@ -7,13 +7,13 @@ checked in the coordinator, by modules that share only this one.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.path_files.moves import write_lines
 
 FORMAT = "cubepath-certificate-1"
@@ -41,14 +41,16 @@ class Certificate(
     cancelled: list[tuple[int, int]]
     cubes: list[list[int]]
     chain: list[int]
-    end: list[Any] | None = None
+    end: list[Site] | None = None
 
 
 class _Other(msgspec.Struct, tag_field="format", tag=""):
     """No format at all: where there is only one struct, msgspec lets its tag be left out."""
 
 
-_decoder: msgspec.json.Decoder[Certificate | _Other] = msgspec.json.Decoder(Certificate | _Other)
+_decoder: msgspec.json.Decoder[Certificate | _Other] = msgspec.json.Decoder(
+    Certificate | _Other, dec_hook=site_hook
+)
 
 
 def certificate_from_json(text: bytes) -> Certificate:

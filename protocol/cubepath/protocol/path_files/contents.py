@@ -1,11 +1,10 @@
-"""Reading self-contained moves straight into arrays: no action is built, and no tuple of a line.
+"""Reading self-contained moves straight into arrays, without an action or a tuple per line.
 
-The bytes of the lines are scanned by compiled code (`scanning`). Each distinct text of a site is
-decoded once, by the same functions as everywhere, so that ``1`` and ``1.0`` are one site; each
-distinct text of contents becomes an action by the numbers of its sites (`supports`), so that lines
-that mean the same are the same action however they are written. Whatever is unusual is left to the
-reader of lines, `cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it,
-or that nothing is.
+Compiled code (`scanning`) scans the bytes of the lines. Each distinct text of a site is decoded
+once, by the usual functions, so that ``1`` and ``1.0`` are one site. Each distinct text of contents
+becomes an action by the numbers of its sites (`supports`), so that lines with the same meaning are
+the same action however they are written. Anything unusual is left to the reader of lines,
+`cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it, or accepts it.
 """
 
 from __future__ import annotations
@@ -102,7 +101,7 @@ class _Reading:
     """What was read so far: texts, what their sites are, and the actions that they stand for."""
 
     def __init__(self, size: int) -> None:
-        """Begin to read so many bytes."""
+        """Begin to read this many bytes."""
         # Asked for at once: a large file is for compiled code from its first piece on.
         self._scan = scanning.scan.for_work(size * _STEPS_A_BYTE, by_entries=True)
         self._texts = Texts(
@@ -288,7 +287,7 @@ def _longer(array: NDArray[_Entry], size: int) -> NDArray[_Entry]:
 
 
 def _hashed(slots: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return a hash table that so many numbers do not fill to a half."""
+    """Return a hash table that this many numbers do not fill to a half."""
     if 2 * size < len(slots):
         return slots
     found = np.zeros(1 << (4 * size).bit_length(), dtype=np.int64)

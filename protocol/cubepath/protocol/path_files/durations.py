@@ -1,9 +1,8 @@
-"""How long moves take, and schedules: cubes to be executed one per round.
+"""How long moves take; schedules, one cube per round; and timetables, one move per line.
 
 Each move is named by its generator and its place. As text, a schedule has the format of a cubes
-file, see docs/files.md. The recording of a run that executed it holds it in this form.
-
-Timetables: when each move begins and how long it takes, one move per line.
+file, see docs/files.md. The recording of a run that executed a schedule holds it in this form. A
+timetable says when each move begins and how long it takes.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_from_json, site_hook
 from cubepath.protocol.path_files.moves import (
     CubeLine,
     CubeName,
@@ -33,6 +32,7 @@ from cubepath.protocol.path_files.moves import (
     write_lines,
 )
 
+FORMAT = "cubepath-durations-1"
 Number: TypeAlias = int | str
 """A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
 
@@ -92,7 +92,7 @@ class Durations:
 
 
 def _place(name: GeneratorPlacement) -> tuple[str, Site]:
-    return name.generator, site_from_json(name.at)
+    return name.generator, name.at
 
 
 def time_from(value: Number) -> Fraction:
@@ -176,7 +176,7 @@ def read_durations(source: Source) -> Durations:
     try:
         is_json = file.path.suffix.lower() == ".json"
         found = _json(text) if is_json else parsed_toml(text, Decimal)
-        return _durations(msgspec.convert(found, _File))
+        return _durations(_file(found))
     except (InputError, msgspec.ValidationError) as error:
         raise InputError(f"{file.path}: {error}") from None
 
@@ -190,6 +190,14 @@ def _json(text: str) -> object:
         raise InputError(f"not JSON: {error}") from None
     check_keys(text.encode(), where="line ")
     return found
+
+
+def _file(found: object) -> _File:
+    if isinstance(found, dict):  # before the keys, most of which another kind of file lacks
+        form = cast("dict[str, object]", found).get("format")
+        if form != FORMAT:
+            raise InputError(f"format: found {form!r:.40}, expected {FORMAT!r}")
+    return msgspec.convert(found, _File)
 
 
 def _durations(found: _File) -> Durations:
@@ -237,7 +245,7 @@ OwnMoves: TypeAlias = Mapping[int, GeneratorPlacement]
 """A module's own part of a schedule: by round, the move of which it is the mover."""
 
 _encoder = msgspec.json.Encoder()
-_decoder = msgspec.json.Decoder(CubeLine)
+_decoder = msgspec.json.Decoder(CubeLine, dec_hook=site_hook)
 
 
 def schedule_to_jsonl(cubes: Iterable[Iterable[GeneratorPlacement]]) -> bytes:
@@ -272,10 +280,6 @@ def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlace
                 f"cube {number}: move {named} is named by an id, expected generator and place:"
                 " a module has to know what to do"
             )
-        try:
-            site_from_json(move.at)
-        except InputError as error:
-            raise InputError(f"cube {number}: {error}") from None
         found.append(move)
     return tuple(found)
 
@@ -288,7 +292,7 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     move: CubeName
 
 
-_line = msgspec.json.Decoder(TimedLine).decode
+_line = msgspec.json.Decoder(TimedLine, dec_hook=site_hook).decode
 
 
 def read_timetable(source: Source) -> Iterator[TimedLine]:

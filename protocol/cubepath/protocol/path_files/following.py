@@ -1,11 +1,11 @@
-"""Timetables of vehicles that may follow one another: a line on the whole, then a move a line.
+"""Timetables of vehicles that may follow one another: a line on the whole, then a move per line.
 
 The first line has the rule and, by the numbers of moves in the input, what cancels. Each further
-line has a move with its number there, and the number of the move that binds it: together they prove
-that nothing in the timetable can be earlier. A timetable that is not of the moves of its input has
+line has a move with its number in the input, and the number of the move that binds it: together
+they prove that no move can begin earlier. A timetable whose moves are not those of its input has
 neither. See docs/schedules.md.
 
-It touches only the files it is given, and knows nothing of scheduling.
+This module reads and writes only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations

@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import msgspec
 
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_hook
 from cubepath.protocol.core.system import Scene
 
 _Line = TypeVar("_Line")
@@ -85,7 +85,7 @@ class GeneratorLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A move as a generator of the system, and where it is placed."""
 
     generator: str
-    at: Json
+    at: Site
 
 
 class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
@@ -95,10 +95,10 @@ class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit
     """
 
     id: str | int
-    support: list[Json]
-    trace: list[Json]
-    before: list[Json] | None = None
-    after: list[Json] | None = None
+    support: list[Any]
+    trace: list[Any]
+    before: list[Any] | None = None
+    after: list[Any] | None = None
 
 
 class CubeLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -158,33 +158,6 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
             yield move
 
 
-def write_moves(path: Path | str, moves: Iterable[PathMove]) -> None:
-    """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
-
-    Raises InputError if it cannot be written, or if an action with free sites or guards would have
-    to be written by its contents with local states, which cannot express them.
-
-    >>> played = play("hex:n=4")
-    >>> write_moves("run.jsonl", shorten(played).given.moves)
-    >>> len(list(read_moves("run.jsonl", played.scene)))
-    18
-    """
-    write_lines(path, (_move_line(move) for move in moves))
-
-
-def contents_line(
-    name: MoveName,
-    support: Iterable[Site],
-    trace: Iterable[Site],
-    states: tuple[Iterable[Site], Iterable[Site]] | None,
-) -> ContentsLine:
-    """Return a self-contained line, sites in canonical order; `states` are before and after."""
-    if isinstance(name, GeneratorPlacement):
-        raise InputError(f"move {name} has a generator and no id, expected an id")
-    both = (None, None) if states is None else tuple(list(in_order(each)) for each in states)
-    return ContentsLine(name, list(in_order(support)), list(in_order(trace)), *both)
-
-
 def named_action(name: str | int, support: Iterable[Site], trace: Iterable[Site]) -> Action:
     """Return the action of a move of which only support and trace are known; see `read_moves`."""
     site = (NAME, name)
@@ -232,7 +205,7 @@ class _Form(NamedTuple):
     keys: str
 
 
-_generator = msgspec.json.Decoder(GeneratorLine).decode
+_generator = msgspec.json.Decoder(GeneratorLine, dec_hook=site_hook).decode
 
 
 def placement_in(line: bytes) -> GeneratorPlacement:
@@ -249,7 +222,7 @@ _CONTENTS = _Form(
     msgspec.json.Decoder(ContentsLine).decode,
     'the keys "id", "support", "trace", and "before" with "after" or neither',
 )
-_cube = msgspec.json.Decoder(CubeLine).decode
+_cube = msgspec.json.Decoder(CubeLine, dec_hook=site_hook).decode
 
 
 def keys_of_cube(line: CubeLine) -> int:
@@ -272,6 +245,11 @@ def _form_of(line: bytes) -> _Form | None:
     if not isinstance(found, dict):
         return None
     return _GENERATOR if "generator" in found or "at" in found else _CONTENTS
+
+
+def is_by_generator(line: bytes) -> bool:
+    """Return whether a line has a key that only a move by its generator has."""
+    return _form_of(line) is _GENERATOR
 
 
 class _Reader:
@@ -326,7 +304,7 @@ class _Reader:
                 f"generator {line.generator!r} without a system, expected --system SYSTEM"
                 ' (or moves with "id", "support" and "trace")'
             )
-        key = line.generator, site_from_json(line.at)
+        key = line.generator, line.at
         action = self._placed.get(key)
         if action is None:
             action = self._placed[key] = self._scene.system.action(*key)
@@ -357,7 +335,7 @@ class _Reader:
         return PathMove(known, line.id)
 
     def _by_contents(
-        self, line: ContentsLine, before: list[Json], after: list[Json], number: int
+        self, line: ContentsLine, before: list[Any], after: list[Any], number: int
     ) -> PathMove:
         read = self._sites.read
         label = _encode(line.id).decode()
@@ -426,11 +404,11 @@ class _Sites:
         """Note whether this line may have booleans, which are no sites but equal some in Python."""
         self._booleans = b"true" in line or b"false" in line
 
-    def read(self, values: Iterable[Json]) -> list[Site]:
+    def read(self, values: Iterable[Any]) -> list[Site]:
         """Return the sites; InputError if one is invalid."""
         return [self._seen(value) or self._new(value) for value in values]
 
-    def _seen(self, value: Json) -> Site | None:
+    def _seen(self, value: Any) -> Site | None:
         # Most sites recur, and most are flat: then this is their whole cost.
         if self._booleans:
             return None
@@ -439,19 +417,6 @@ class _Sites:
         except TypeError:  # a list in a list
             return None
 
-    def _new(self, value: Json) -> Site:
+    def _new(self, value: Any) -> Site:
         site = site_from_json(value)
         return self._kept.setdefault(site, site)
-
-
-def _move_line(move: PathMove) -> GeneratorPlacement | ContentsLine:
-    if isinstance(move.name, GeneratorPlacement):
-        return move.name
-    action = move.action
-    support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))
-    if move.before is None:
-        return contents_line(move.name, support, trace, None)
-    if action.free or action.guards:
-        raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
-    after = action.ends[1] if move.before == action.ends[0] else action.ends[0]
-    return contents_line(move.name, support, trace, (move.before, after))

@@ -1,12 +1,8 @@
 """The binary form of moves and cubes: a table of actions and numbers into it, as one .npz file.
 
-docs/files.md describes each array. Nothing in such a file is code: it is read without pickles, and
-its content is checked before it is used.
-
-The table of actions of a binary file, from and to the arrays in which paths are checked.
-
-Of each action the file lists the sites of its support, its trace and its two local states, as
-numbers into one list of sites; docs/files.md describes the arrays.
+For each action the table lists the sites of its support, its trace and its two local states, as
+numbers into one list of sites; docs/files.md describes each array. Nothing in such a file is code:
+it is read without pickles, and its contents are checked before use.
 """
 
 from __future__ import annotations
@@ -24,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_from_json, site_hook
 from cubepath.protocol.path_files.moves import NAME, CubeName, MoveName, named_action
 from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath
 from cubepath.protocol.path_files.supports import (
@@ -182,8 +178,8 @@ _MAGIC = b"PK\x03\x04"
 _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
-_names = msgspec.json.Decoder(list[str | int | GeneratorPlacement]).decode
-_values = msgspec.json.Decoder(list[Json]).decode
+_names = msgspec.json.Decoder(list[str | int | GeneratorPlacement], dec_hook=site_hook).decode
+_values = msgspec.json.Decoder(list[Any]).decode
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -325,7 +321,7 @@ def _path(arrays: Arrays) -> NumberedPath:
     ends = np.full(len(numbers), -1, dtype=np.int8)
     if "ends" in arrays:
         ends = _integers(arrays, "ends", -1, 2, size=len(numbers)).astype(np.int8)
-        # The file counts from `before`; an action has its local states in an order of its own.
+        # The file counts from `before`; an action has its local states in its own order.
         ends = np.where(ends >= 0, ends ^ turned[numbers], ends)
     given = None
     if "move_names" in arrays:

@@ -31,6 +31,7 @@ from cubepath.protocol.path_files.moves import (
     MoveName,
     NumberedId,
     PathMove,
+    is_by_generator,
     placement_in,
 )
 from cubepath.protocol.path_files.supports import Supports, TabledActions, supports_of
@@ -317,6 +318,8 @@ class _Kept:
         action, before = move.action, move.before
         stated = before is not None or isinstance(move.name, GeneratorPlacement)
         number = self.add(action, move.name, stated=stated)
+        # A move that leaves open what another of its action says cannot be written, and is refused.
+        self.stated[number] |= stated
         if before is None:
             return number, -1
         shown = before - action.free if action.free else before
@@ -340,7 +343,7 @@ def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None)
     try:
         first = next((line for line in stream if not line.isspace()), b"")
         stream.seek(begin)
-        if first and _is_by_generator(first):
+        if first and is_by_generator(first):
             return _by_generators(stream, scene, progress)
         return _by_contents(read_contents(stream, progress))
     except OSError as error:
@@ -405,8 +408,3 @@ def _portions(stream: BinaryIO) -> Iterator[list[bytes]]:
         filled = [line for line in lines if not line.isspace()]
         if filled:
             yield filled
-
-
-def _is_by_generator(line: bytes) -> bool:
-    found = msgspec.json.decode(line)
-    return isinstance(found, dict) and ("generator" in found or "at" in found)

@@ -1,8 +1,8 @@
 """Proofs of optimality: a schedule, and the refutation of every schedule with fewer rounds.
 
-It touches only the file that it is given. This is the format, described in docs/proofs.md, of
-blocks as `proof_blocks` writes them. What a proof proves is decided by
-`proof_checking` of `theory`, which shares only this module with the code that makes proofs.
+This is the format, described in docs/proofs.md, of blocks as `proof_blocks` writes them.
+`proof_checking` of `theory` decides what a proof proves; it shares only this module with the code
+that makes proofs.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class OptimalityProof:
     in `moves` and `sites` as numbers. `variables` has a row (kind, index, time) for each variable
     of the clauses, int32, the first of which is variable 1. `log` is a binary DRAT log, in pieces
     of any length; it is read once by `write_proof`. What was read from a file can be read again.
-    Where the windows alone refute so many rounds there are no variables, ladders, groups and log.
+    Where the windows alone refute this many rounds there are no variables, ladders, groups and log.
     """
 
     system: str | None

@@ -5,7 +5,7 @@ The lines of self-contained moves are put together from the texts of their sites
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -14,17 +14,29 @@ import msgspec
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
+from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.npz import table_of
-from cubepath.protocol.path_files.numbered import PORTION, NumberedPath
+from cubepath.protocol.path_files.numbered import PORTION, NumberedPath, number_moves
 
 _encode = msgspec.json.Encoder().encode
 
 
-def write_path(target: Path, path: NumberedPath) -> None:
-    """Write a moves file that `read_path` reads back; it is complete afterwards, or unchanged.
+def write_moves(path: Path | str, moves: Iterable[PathMove]) -> None:
+    """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
 
-    Raises InputError like `cubepath.protocol.path_files.moves.write_moves`.
+    Raises InputError if it cannot be written, or if an action with free sites or guards would have
+    to be written by its contents with local states, which cannot express them.
+
+    >>> played = play("hex:n=4")
+    >>> write_moves("run.jsonl", shorten(played).given.moves)
+    >>> len(list(read_moves("run.jsonl", played.scene)))
+    18
     """
+    write_path(path, number_moves(moves))
+
+
+def write_path(target: Path | str, path: NumberedPath) -> None:
+    """Write a moves file that `read_path` reads back; errors as in `write_moves`."""
     with written_whole(target) as stream:
         for portion in _lines(path):
             stream.write(b"".join(portion))

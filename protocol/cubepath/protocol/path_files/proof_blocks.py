@@ -1,8 +1,8 @@
-"""Files of named blocks with checksums, in which proofs and the logs of solvers are kept.
+"""Files of named blocks with checksums, which hold proofs and the logs of solvers.
 
-After a first line come blocks: a line with name, length and CRC-32, so many bytes (zstd), and a
-line end; the last line has the number of blocks and the SHA-256 of all before it. So any changed
-byte is refused with the block that holds it and the place where that begins. See docs/proofs.md.
+After a first line come blocks: a line with name, length and CRC-32, then as many bytes (zstd), and
+a line end; the last line has the number of blocks and the SHA-256 of everything before it. So a
+changed byte is refused with the name and position of its block. See docs/proofs.md.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class BlockWriter:
         self.block(name, _json(content))
 
     def variables(self, rows: NDArray[np.int32], width: int) -> None:
-        """Write what variables mean: so many little-endian int32 for each."""
+        """Write what variables mean: this many little-endian int32 for each."""
         found = np.ascontiguousarray(rows, dtype="<i4").reshape(-1, width)
         self.block("variables", found.tobytes())
 
@@ -136,7 +136,7 @@ class BlockReader:
             raise self.error(str(error)) from None
 
     def json(self, name: str, kind: type[_Type], keys: int = 0) -> _Type:
-        """Return what the next block holds; an object with so many keys, if it is one."""
+        """Return what the next block holds; an object with this many keys, if it is one."""
         content = self.block(name)
         found = self.decode(kind, content)
         if keys:

@@ -334,7 +334,7 @@ def _mixed(number: int) -> int:
 def _told(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> int:
     """Return which local state of an action the marks show as the first one, -1 for none.
 
-    The action has the entries from `begin` to `end`, and there are marks on so many sites.
+    The action has the entries from `begin` to `end`, and there are marks on this many sites.
     """
     same = opposite = True
     for index in range(begin, end):

@@ -2,12 +2,9 @@
 
 Moves are checked as they are made, from the start on; nothing is shortened here.
 
-Plans of vehicles with the planner's own rounds, in which some may follow or rotate.
-
-As moves one after another (`ImportedPath.moves`) a plan loses what its planner did at one time, and
-vehicles that rotate on a cycle of vertices have no such order at all. Here both are kept.
-
-Every move is checked; what a following vehicle may do is up to the coordinator.
+Written as moves one after another (`ImportedPath.moves`), a plan of vehicles loses its planner's
+rounds, and vehicles that rotate on a cycle of vertices have no such order at all. So both forms are
+kept. Every move is checked; the coordinator decides what a following vehicle may do.
 """
 
 from __future__ import annotations

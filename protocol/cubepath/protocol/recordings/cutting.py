@@ -1,11 +1,9 @@
-"""Which messages of a recording are taken, and what a recording says that was cut from another.
+"""Which messages of a recording are taken, and how recordings of one run are merged.
 
 Messages keep their bytes, their times and their numbers, by which `merge_recordings` puts them
-together again. What is cut says so in its parameters.
-
-Recordings of one run put together: parts of one file, or what several recorders have heard.
-
-`merge_recordings` says what counts as the same message, and in what order all are.
+together again: parts of one file, or the recordings of several recorders. A cut recording says so
+in its parameters. `merge_recordings` says which messages count as the same, and how they are
+ordered.
 """
 
 from __future__ import annotations
@@ -177,8 +175,8 @@ def filter_recording(
     `topics` and `exclude` are patterns of topics or kinds, `first` and `until` log times, both
     included. Scene, schedule and parameters are those of the recording; if something was left out,
     the parameters `filtered` and `whole_messages` say so. InputError if the source is damaged, if a
-    pattern of `topics` matches nothing on record, if nothing is left, or if `out` exists or cannot
-    be written.
+    pattern of `topics` matches nothing in the recording, if nothing is left, or if `out` exists or
+    cannot be written.
 
     >>> filter_recording("logs/golden/hex-5.mcap", "reports.mcap", topics=["reports"], until=10)
     20
@@ -211,11 +209,11 @@ def split_recording(
 ) -> tuple[Path, ...]:
     """Split a recording into files of a folder, ``NAME-000.mcap`` and so on; return their paths.
 
-    Each has a stretch of the messages, in order: `parts` of about the same number of messages;
-    or so many `rounds` (or levels) each; or `seconds` of the wall clock; or at most `size` bytes
-    as files. Exactly one of these is given. Each part says in its parameters which it is.
-    InputError if the source is damaged, if there would be more than 1000 parts, or if a file
-    exists or cannot be written; then no part is left behind.
+    Each has a stretch of the messages, in order: `parts` of about the same number of messages; or
+    this many `rounds` (or levels) each; or `seconds` of the wall clock; or at most `size` bytes as
+    files. Exactly one of these is given. Each part says in its parameters which it is. InputError
+    if the source is damaged, if there would be more than 1000 parts, or if a file exists or cannot
+    be written; then no part is left behind.
 
     >>> [path.name for path in split_recording("logs/golden/hex-5.mcap", "parts", rounds=10)]
     ['hex-5-000.mcap', 'hex-5-001.mcap', 'hex-5-002.mcap']
@@ -273,10 +271,7 @@ def _beginnings(
     if parts is not None:
         count = len(recording.records)
         if parts > max(count, 1):
-            raise InputError(
-                f"{recording.path}: has {count} messages, expected at most so many parts, not"
-                f" {parts}"
-            )
+            raise InputError(f"{recording.path}: cannot split {count} messages into {parts} parts")
         share = _Share(count, parts)
         return lambda _, record: share.begins(record)
     if rounds is not None:
@@ -454,7 +449,7 @@ def _same_run(one: Recording, other: Recording) -> None:
 
 
 def _of_one_file(found: Sequence[Recording], notes: Mapping[str, str]) -> dict[str, str]:
-    """Return parameters without what each file said of itself: together they begin with the first.
+    """Return parameters without those that describe each file: together they begin with the first.
 
     InputError if one of them is no number.
     """

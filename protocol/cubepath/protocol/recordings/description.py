@@ -1,6 +1,6 @@
 """What is in a recording: parameters, scene, and counts of messages, bytes and parts.
 
-A recording ends with its counts, so that they are known without reading it.
+A recording ends with its counts, so they are known without reading it all.
 """
 
 from __future__ import annotations

@@ -1,20 +1,14 @@
 """The structure of an MCAP file: its bytes, how records stand in it, and the summary at its end.
 
-The bytes of a recording, read where they are asked for.
+Bytes are read when they are needed. A file stays open while anything may read from it, so that a
+recording need not fit into memory; the bytes of a pipe, which cannot be read twice, are kept.
 
-A file stays open for as long as anyone may read from it, so that a recording need not fit into
-memory; of a pipe, which cannot be read twice, the bytes are kept.
+A record is a kind, a length and a body, and most bodies contain lengths too. Where these agree, the
+next record follows. Where they do not, or the kind is unknown, the bytes that follow are searched
+for the next record that a CRC or a checksum confirms.
 
-How records stand in MCAP files: heads, lengths that agree, and finding records again.
-
-A record is a kind, a length and a body, and most bodies have lengths of their own in them. Where
-both agree the next record is where they say; where they do not, or the kind is none, what follows
-is searched for the next record that a CRC or a checksum vouches for.
-
-The summary at the end of a finished MCAP file: where its records are, and its channels.
-
-It is believed if its CRC holds, and then tells where every chunk, attachment and metadata record
-begins, and how long it is, whatever has become of their heads.
+The summary of a finished file is trusted if its CRC holds. Then it says where every chunk,
+attachment and metadata record begins, and how long it is, whatever happened to their heads.
 """
 
 from __future__ import annotations
@@ -41,7 +35,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
 
 _WINDOW = 1 << 20
-"""Bytes read at a time, and kept for whoever reads on from there."""
+"""Bytes read at a time, and kept for reading on from there."""
 
 
 class StoredBytes:
@@ -126,7 +120,7 @@ _PATTERN = re.compile(
     re.DOTALL,
 )
 _SEEN = 48
-"""So many bytes a pattern looks at, and some."""
+"""The most bytes that a pattern looks at, and some."""
 
 
 def plausible(opcode: int) -> bool:

@@ -1,15 +1,16 @@
 """Recordings: one MCAP file per run, written during the run and checked when read back.
 
 A recording holds every message as the exact bytes that were on the wire, on the topic KIND/SENDER,
-with its JSON Schema. Log time is the logical round, or the wall clock if that was asked for, or
-without rounds the level or the wall clock; publish time is the wall clock in nanoseconds, and
-sequence the order of writing. The parameters and versions of the run are a metadata record, the
-scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
-CRCs and are written when they are full, when half a second has passed, and when the caller says so,
-which a run does after each round: so a killed process loses less than a second, and no finished
-round.
+with its JSON Schema. Log time is the round, in a run without rounds the level, or on request the
+wall clock; publish time is the wall clock in nanoseconds, and sequence the order of writing. The
+parameters and versions of the run are a metadata record, the scene is the attachment `scene.toml`,
+and an executed schedule is `schedule.jsonl`.
 
-The messages of a recording, whole rounds at a time.
+Chunks carry CRCs. A chunk is written when it is full, when half a second has passed, and when the
+caller asks for it, which a run does after each round: so a killed process loses less than a second,
+and no finished round.
+
+Messages are read back in whole rounds.
 """
 
 from __future__ import annotations
@@ -119,11 +120,10 @@ class Recording:
         >>> {(claim.round, claim.module, claim.generator) for claim in claims}
         {(3, 0, 'pivot-0-left')}
 
-        Args:
-            kinds: the kind of message, or several, such as "claim" or ["claim", "verdict"]; the
-                parts of batches are kinds too, and come in the place of their batch. A part that
-                was said to two regions comes twice. By default all messages, batches as they are.
-            rounds: a log time, or a range of them; by default all.
+        Args: kinds: the kind of message, or several, such as "claim" or ["claim", "verdict"]; the
+            parts of batches are kinds too, and come in the place of their batch. A part that was
+            sent to two regions appears twice. By default all messages, batches as they are. rounds:
+            a log time, or a range of them; by default all.
 
         InputError if there is no such kind, and where a message cannot be decoded.
         """
@@ -158,7 +158,7 @@ class Recording:
         - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the
           attempt: who claims;
         - ``site``, ``generator``, ``at``, objects: where it stands, and the move that it claims;
-        - ``outcome``, object: "granted", "lost", or "" if that is not on record;
+        - ``outcome``, object: "granted", "lost", or "" if that is not recorded;
         - ``wall_ns``, int64: the publish time of the claim.
 
         They are in order of rounds and then of modules, or without rounds of modules, epochs and
@@ -202,7 +202,7 @@ class Recording:
         return [chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
 
     def topics(self) -> frozenset[str]:
-        """Return the topics on record, at no cost if the file says of all channels what they are.
+        """Return the recorded topics, at no cost if the file says of all channels what they are.
 
         >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
         ['bundle/process_0', 'bundle/process_1']
@@ -321,7 +321,7 @@ def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
     """Yield the messages of some rounds at a time, in the order of rounds, each round whole.
 
     They come while the file is read, so that memory does not grow with it. Of a run without rounds
-    all messages come at once: a commit of any level may be told again at the very end.
+    all messages come at once: a commit of any level may be repeated at the very end.
     """
     if recording.clock == "free":
         yield recording.records

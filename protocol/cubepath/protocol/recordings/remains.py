@@ -1,7 +1,7 @@
 """What remains of a recording that may have lost its scene or its parameters.
 
-The messages of every whole chunk are there. What the file no longer says of itself is told by who
-recovers it, or stays lost.
+The messages of every whole chunk are there. What the file no longer says about itself, you supply
+when you recover it; otherwise it stays lost.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cubepath.protocol.wire.messages import KINDS
 
 @dataclass(frozen=True, slots=True)
 class Remains:
-    """What is left of a recording; `problems` is empty if that is everything."""
+    """What remains of a recording; `problems` is empty if that is everything."""
 
     path: Path
     parameters: Mapping[str, str]
@@ -43,7 +43,7 @@ class Remains:
     schedule: bytes | None
     size: int
     format: str
-    """As far as one can tell by the messages, if it is not told."""
+    """Derived from the messages where possible, unless you supply it."""
 
     def with_scene(self, scene: Scene) -> Remains:
         """Return the same with a scene, unless it has its own."""
@@ -66,7 +66,7 @@ class Remains:
 
 
 def remains_of(source: Source) -> Remains:
-    """Return what is left of a recording, be it damaged or not.
+    """Return what remains of a recording, damaged or not.
 
     InputError if there is no message in any chunk that is whole, or if the file is none of ours.
 

@@ -220,7 +220,7 @@ class _Scan:
         return is_mark and end is not None and offset + size != end.summary_start
 
     def _lost(self, offset: int) -> int | None:
-        """Return where to go on after a record that is damaged; None if nowhere."""
+        """Return where to continue after a record that is damaged; None if nowhere."""
         if self._end is not None:
             found = self._end.after(offset)
         else:
@@ -276,7 +276,7 @@ class _Scan:
                 self._take_end(crc, offset)
 
     def _take_chunk(self, chunk: Chunk, offset: int, length: int) -> None:
-        # Its head has no CRC of its own: this only tells users what may be lost.
+        # Its head has no CRC: this only tells users what may be lost.
         self._span = f" (log times {chunk.message_start_time} to {chunk.message_end_time})"
         channels, messages = _unpacked(chunk)
         self._name(channels)

@@ -1,8 +1,6 @@
-"""The messages of a recording: as stored, a chunk at a time, and decoded one after another.
+"""The messages of a recording: as stored, one chunk at a time, and decoded one after another.
 
-It touches the file that it was opened with.
-
-At any time a chunk of the file is in memory, and no more.
+At any time at most one chunk of the file is in memory.
 """
 
 from __future__ import annotations
@@ -71,7 +69,7 @@ class Record:
         """Yield the parts of a batch, each as it would stand alone; any other record is its part.
 
         They have the round, the wall clock and the sequence of the batch. A batch that cannot be
-        decoded is yielded as it is, so that whoever decodes it finds what is wrong.
+        decoded is yielded as it is, so that decoding it shows what is wrong.
         """
         if self.kind not in BATCHES:
             yield self

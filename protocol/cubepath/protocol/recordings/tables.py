@@ -1,4 +1,4 @@
-"""Recordings as arrays and data frames: moves, claims and messages, a row each.
+"""Recordings as arrays and data frames: moves, claims and messages, one row each.
 
 `Recording` documents the columns.
 """
@@ -12,10 +12,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.stored_messages import LoggedMessage, MessageSource, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Commit, CommitLog, Decision
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
@@ -30,27 +28,6 @@ _encode = msgspec.json.Encoder().encode
 _TEXTS = ("generator", "at", "from", "to", "site", "outcome", "kind", "sender")
 """Columns of objects; all others are int64."""
 _TABLES = ("moves", "claims", "messages")
-
-
-class _Sites:
-    """Sites from JSON, equal ones as one object."""
-
-    def __init__(self, recording: MessageSource) -> None:
-        self._path = recording.path
-        self._known: dict[bytes, Site] = {}
-
-    def __call__(self, logged: LoggedMessage, *values: Json) -> list[Site]:
-        """Return the sites in a message; InputError names the message if one is none."""
-        return [self._known.get(_encode(value)) or self._site(logged, value) for value in values]
-
-    def _site(self, logged: LoggedMessage, value: Json) -> Site:
-        try:
-            found = site_from_json(value)
-        except InputError as error:
-            where = f"{self._path}: message {logged.sequence} ({logged.topic})"
-            raise InputError(f"{where}: {error}") from None
-        self._known[_encode(value)] = found
-        return found
 
 
 class _Rows:
@@ -87,21 +64,20 @@ def _column(name: str, values: tuple[Any, ...]) -> NDArray[Any]:
 
 def moves_of(recording: MessageSource) -> Columns:
     """Return the moves of a run; `Recording.moves` documents it."""
-    sites = _Sites(recording)
     rows = _Rows("round", "module", "generator", "at", "from", "to", "wall_ns")
     if recording.clock == "free":
         for logged, moved in _commits(recording):
             if moved.generator is not None:
                 _, before, after, _ = moved.motion[0]
                 key = moved.level, moved.generator, _encode(moved.at), moved.keeper, moved.serial
-                ends = sites(logged, moved.at, before, after)
+                ends = moved.at, before, after
                 rows.add(key, moved.level, moved.module, moved.generator, *ends, logged.wall_ns)
         return rows.columns()
     for logged in messages_of(recording, "report"):
         report: Report = logged.message
         if report.move is not None:
             number, module, move = report.round, report.module, report.move
-            ends = sites(logged, move.at, report.before, report.site)
+            ends = move.at, report.before, report.site
             rows.add((number, module), number, module, move.generator, *ends, logged.wall_ns)
     return rows.columns()
 
@@ -120,15 +96,13 @@ def claims_of(recording: MessageSource) -> Columns:
 
 
 def _claims(recording: MessageSource) -> Columns:
-    sites = _Sites(recording)
     rows = _Rows("round", "module", "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int], str] = {}
     for logged in messages_of(recording, ("claim", "verdict", "report")):
         said: Claim | Verdict | Report = logged.message
         key = said.round, said.module
         if isinstance(said, Claim):
-            where, at = sites(logged, said.site, said.at)
-            rows.add(key, *key, where, said.generator, at, logged.wall_ns)
+            rows.add(key, *key, said.site, said.generator, said.at, logged.wall_ns)
         elif isinstance(said, Verdict):
             outcomes[key] = "granted" if said.granted else "lost"
         elif said.claim != "none":
@@ -137,7 +111,6 @@ def _claims(recording: MessageSource) -> Columns:
 
 
 def _attempts(recording: MessageSource) -> Columns:
-    sites = _Sites(recording)
     by = "module", "epoch", "number"
     rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int, int], str] = {}
@@ -149,8 +122,8 @@ def _attempts(recording: MessageSource) -> Columns:
             elif isinstance(said, Decision):
                 outcomes.setdefault(key, "lost")
             elif said.generator is not None:
-                where, at = sites(logged, said.site, said.at)
-                rows.add(key, logged.round, *key, where, said.generator, at, logged.wall_ns)
+                found = said.site, said.generator, said.at
+                rows.add(key, logged.round, *key, *found, logged.wall_ns)
     return _with_outcomes(rows.columns(), outcomes, by)
 
 

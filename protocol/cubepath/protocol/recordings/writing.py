@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""
 CHUNK_BYTES = 1 << 18
-"""And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
+"""And this many bytes, if they come first; four times as many save 2%, and damage costs more."""
 _CHANNEL_BYTES = 64
 """More than a channel or schema takes beside its texts; both stand in the summary once more."""
 _COUNTS_BYTES = 1 << 13
@@ -86,10 +86,10 @@ class RecordingWriter:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         Both are written once more at the end of the file. A scene that is lost is None: then the
-        messages can be read by other tools, and as a recording once the scene is told again.
+        messages can be read by other tools, and as a recording once its scene is supplied again.
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
-        format that its messages are in, told and not looked at; if it is left out, it follows from
+        format that its messages are in, given and not inspected; if it is left out, it follows from
         the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
         self._format = written_as or format_of(parameters)
@@ -202,7 +202,7 @@ class RecordingWriter:
         return now >= self._due
 
     def has(self, size: int) -> bool:
-        """Return whether the file has so many bytes; what waits is written if it may decide."""
+        """Return whether the file has this many bytes; what waits is written if it may decide."""
         if self._writer.written + self._writer.size >= size:
             self.flush()
         return self._writer.written >= size

@@ -1,10 +1,10 @@
 """What random scenes are drawn from: a stream of numbers, shapes, graphs, triangulations, walks.
 
-A seed must name one scene for good: in any process, on any machine, with any version of Python and
-numpy. So nothing of theirs is used but SHA-256 (FIPS 180-4). The stream for a purpose and a seed is
-the bits of the digests of the texts ``cubepath:PURPOSE:SEED:0``, ``cubepath:PURPOSE:SEED:1`` and so
-on, in ASCII, each digest from its most significant bit on. Purposes have streams of their own: the
-same seed gives the same map, however many vehicles start there.
+A seed must name the same scene forever: in any process, on any machine, with any version of Python
+and numpy. So nothing of theirs is used but SHA-256 (FIPS 180-4). The stream for a purpose and a
+seed is the bits of the digests of the texts ``cubepath:PURPOSE:SEED:0``,
+``cubepath:PURPOSE:SEED:1`` and so on, in ASCII, each digest from its most significant bit on. Each
+purpose has its own stream: the same seed gives the same map, however many vehicles start there.
 
 A shape is a connected set of cells of a lattice; two that differ by a translation are the same one
 in another place (a *fixed* polyhex or polyomino).
@@ -79,7 +79,7 @@ class Stream:
     def drawn(self, among: Sequence[T]) -> Iterator[T]:
         """Yield all of several in random order, each order equally likely.
 
-        Whoever stops after some has a random choice of so many; with more, it begins the same.
+        If you stop after N, you have a random choice of N; with more, it begins the same.
         """
         rest = list(among)
         for place in range(len(rest)):

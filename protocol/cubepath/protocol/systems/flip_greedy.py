@@ -243,7 +243,7 @@ STUCK = -1
 _LATE = 1.2
 """What the weight of an edge that came last is multiplied by."""
 _BEYOND = 2
-"""A try that takes so many rounds too many is given up."""
+"""A try that takes this many rounds too many is given up."""
 _NOTHING = 1e-9
 """Costs below this are rounding errors of 0."""
 

@@ -13,8 +13,8 @@ bound by crossings leave open. Then rules remove marks until nothing changes:
 
 Proof of soundness: by induction no rule removes a mark that a path between the ends needs, since
 each says what holds along every path. So if an edge may be neither on nor off at some moment, there
-is no path of so many rounds; nor of fewer, since rounds may be empty. This is unit propagation, as
-in a solver for satisfiability, on the formula that says that there is a path.
+is no path of this many rounds; nor of fewer, since rounds may be empty. This is unit propagation,
+as in a solver for satisfiability, on the formula that says that there is a path.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Counts = NDArray[np.int64]
 FLIPS_MAX = 400_000
 """The most flips that are listed: some seconds."""
 _OFTEN = 100
-"""After so many edges whoever asks may stop."""
+"""The number of edges after which the caller may stop."""
 _STEPS_A_MARK = 20
 """Steps that a flip takes in a round, at a guess."""
 
@@ -170,8 +170,8 @@ class TriangulationPair(NamedTuple):
 def proved(ends: TriangulationPair, least: int) -> Iterator[int]:
     """Yield ever greater numbers of rounds that every path needs, from `least` up.
 
-    The same number may come again, so that whoever asks can stop now and then. It ends when a
-    number of rounds is not refuted, or would have too many flips.
+    The same number may come again, so that the caller can stop now and then. It ends when a number
+    of rounds is not refuted, or would have too many flips.
     """
     away: dict[Edge, int] = {}
     while True:

@@ -1,16 +1,14 @@
 """A search for short paths between two triangulations, of up to many thousand points.
 
 It begins with the better of some greedy paths, then solves windows of the best path again. The path
-is kept in normal form, now from one end and now from the other: in that form every flip is as near
-to its own end as it can be, so the last rounds hold few flips, and the path gets shorter as soon as
-they hold none. All random choices come from the seed.
-
-Windows of a path of flips, shortened where they fall into independent parts.
+is kept in normal form, alternately from one end and from the other: in that form every flip is as
+near to its end as it can be, so the last rounds hold few flips, and the path gets shorter as soon
+as they hold none. All random choices come from the seed.
 
 A window is some consecutive rounds. The edges that flip in it fall into parts that share no
-triangle, so each part is a small task of its own: from its edges before the window to those after
-it. A part that takes all rounds of the window is solved again, greedily from either end, with a
-round less. If that succeeds for all such parts of the last rounds, the path is a round shorter.
+triangle, so each part is a small separate task: from its edges before the window to those after it.
+A part that takes all rounds of the window is solved again, greedily from either end, in one round
+less. If that succeeds for all such parts of the last rounds, the path is one round shorter.
 """
 
 from __future__ import annotations
@@ -41,7 +39,7 @@ from cubepath.protocol.systems.flip_greedy import (
 from cubepath.protocol.systems.point_sets import Edge
 
 _ROOM = 8
-"""Room for so many times as many flips as there were, or as there are edges."""
+"""Room for this many times as many flips as there were, or as there are edges."""
 _BACK = 0.5
 """The share of parts that are solved from their end."""
 

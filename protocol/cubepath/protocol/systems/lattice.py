@@ -333,7 +333,7 @@ class _Neighbourhoods:
                     if by is not None:
                         found.add(lattice.shift(other, by))
         found.discard(orbit)
-        # A module that a move takes along must hear of it, even if it has no move of its own; and
+        # A module that a move takes along must be notified, even if it has no move itself; and
         # reach is mutual.
         found |= {source for move in proposals[orbit] for source, _ in move.motion[1:]}
         for other, moves in proposals.items():

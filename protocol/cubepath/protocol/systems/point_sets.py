@@ -1,13 +1,9 @@
 """Point sets of the plane, in exact arithmetic: hull, sweeps, empty polygons and flips.
 
 All arithmetic is on integers. Points may be collinear: an edge never passes through a point, and a
-side of the hull with points on it is several edges. Nothing is listed in advance, so there may be
-many thousand points.
-
-Runs and environments need this list, to number all that could ever happen; shortening and search do
-not.
-
-All arithmetic is on integers. There may be many thousand points, and some may be collinear.
+side of the hull with points on it is several edges. There may be many thousand points, so flips are
+not listed in advance. Runs and environments do need the full list, to number everything that could
+ever happen; shortening and search do not.
 """
 
 from __future__ import annotations
@@ -104,7 +100,7 @@ class PointSet:
         return bits_of(turns > 0), bits_of(turns < 0)
 
     def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
-        """Return the points in the bounding box of `corners`, grown by so many sides."""
+        """Return the points in the bounding box of `corners`, grown by this many sides."""
         x, y = self._x[list(corners)], self._y[list(corners)]
         by = grown * max(x.max() - x.min(), y.max() - y.min())
         first = np.searchsorted(self._columns, x.min() - by, "left")

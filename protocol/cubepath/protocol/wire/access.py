@@ -1,9 +1,10 @@
-"""Who may speak on which keys: the access list of a router.
+"""Who may publish on which keys: the access list of a router.
 
-It guards speaking, not listening: everyone who is let in may subscribe to everything. The
-coordinator may say anything, a process may put on its own keys, and nobody else says a word;
-everyone may ask how a run stands and what it is, control a replay, and ask those who record a run
-for a snapshot. A denial is silent to who speaks. The names are those of `credentials`.
+It restricts publishing, not listening: every client that is let in may subscribe to everything. The
+coordinator may publish anything, a process may publish on its own keys, and nobody else may
+publish. Everybody may ask for the status and the description of a run, control a replay, and ask
+recorders for a snapshot. The sender of a denied message is not notified. The names are those of
+`credentials`.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _TOLD = ("put", "delete", "query", "reply", "declare_queryable", "liveliness_tok
 def access_list(
     processes: int, by: Literal["usernames", "cert_common_names"], keepers: int = 0
 ) -> Mapping[str, Any]:
-    """Return zenoh's `access_control` for so many processes, known by password or certificate."""
+    """Return zenoh's `access_control` for this many processes, known by password or certificate."""
     rules = [
         _rule("listen", _LISTENING, ("ingress", "egress"), ["**"]),
         _rule("hear", _TOLD, ("egress",), ["**"]),
@@ -110,7 +111,7 @@ def guarded_by_passwords(passwords: Mapping[str, str], dictionary: Path) -> Mapp
 
 
 def guarded_by_certificates(folder: Path) -> Mapping[str, Any]:
-    """Return the settings of a router that lets in whoever has a certificate of its authority.
+    """Return the settings of a router that admits every client with a certificate of its authority.
 
     InputError if its own certificate or key is missing.
     """

@@ -1,7 +1,7 @@
-"""A certificate authority of one's own for runs on several hosts, and certificates by it.
+"""Your own certificate authority for runs on several hosts, and the certificates it issues.
 
-The router's certificate names the hosts that it is found at, and serves as nothing else; the others
-name who speaks and are for clients alone, so that nobody passes for the router. Keys are P-256.
+The router's certificate names the hosts where it listens, and serves for nothing else. The others
+name the sender and are for clients only, so no client can pose as the router. Keys are P-256.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HOSTS = ("localhost", "127.0.0.1", "::1")
 """Where the router is found in any case: on its own machine."""
 DAYS_MAX = 36_500
 _EARLIER = timedelta(hours=1)
-"""Clocks of other hosts may be late by so much."""
+"""Clocks of other hosts may be late by this much."""
 
 
 def make_certificates(
@@ -35,9 +35,9 @@ def make_certificates(
     """Write the certificates of a fleet to a new folder; return their names.
 
     A ``.crt`` and a ``.key`` file each for the authority, the router at these hosts (names or IP
-    addresses) and at `HOSTS`, the coordinator, so many processes and a guest. Keys have mode 0600,
-    the folder 0700. InputError if the folder exists and is not empty, if an argument is out of its
-    bounds, or if the library `cryptography` is not installed.
+    addresses) and at `HOSTS`, the coordinator, this many processes and a guest. Keys have mode
+    0600, the folder 0700. InputError if the folder exists and is not empty, if an argument is out
+    of its bounds, or if the library `cryptography` is not installed.
     """
     if find_spec("cryptography") is None:
         raise InputError(

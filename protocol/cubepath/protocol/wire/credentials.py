@@ -1,9 +1,10 @@
-"""By what a session shows who speaks: passwords, certificates, and the folder of a private router.
+"""The credentials with which a session authenticates: passwords, certificates, a router's folder.
 
-Whoever is left of a run takes the folder away, so a run that was killed leaves nothing behind. Its
-name is new each time; one that was left all the same is in nobody's way.
+The last process of a run removes the folder, so a killed run leaves nothing behind. Its name is new
+each time, so a folder that was left behind does no harm.
 
-The names are `COORDINATOR`, ``process_N`` and `GUEST`. A router over plain TCP asks nobody.
+The names are `COORDINATOR`, ``process_N`` and `GUEST`. A router over plain TCP authenticates
+nobody.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def new_endpoint() -> str:
 
 
 def is_private(endpoint: str) -> bool:
-    """Return whether an endpoint is a socket in a folder of its own."""
+    """Return whether an endpoint is a socket in its own folder."""
     path = Path(endpoint.removeprefix(SCHEME))
     return (
         endpoint.startswith(SCHEME) and path.name == _NAME and path.parent.name.startswith(_PREFIX)
@@ -103,7 +104,7 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 GUEST = Credentials()
-"""Whoever may read the socket may listen, and say nothing."""
+"""Every user who may read the socket may listen, and publish nothing."""
 
 
 def process_name(process: int) -> str:

@@ -1,17 +1,17 @@
 """Messages of a run without rounds: what modules ask of keepers, and what keepers answer and show.
 
 A *keeper* holds the units of some tiles. A *unit* is a site, or in a system with labels a place,
-which shows the site that is on there: what two moves may conflict over. An *attempt* of a module
+which shows the site that is on there: two moves may conflict over it. An *attempt* of a module
 passes through the keepers of its units in increasing order; the last one commits it, and that is
 the move. Until then any of them may refuse it. docs/free-clock.md has the protocol.
 
-What is said in one step to one receiver travels as one message with its parts. Bounds and unknown
-fields are as in `messages`.
+What a node sends in one step to one receiver travels as one message with its parts. Bounds and
+unknown fields are as in `messages`.
 
-`ask` and `turns` of a process, `pass`, `tell` and `shows` of a keeper are numbered by their sender
-in each `incarnation` of it, from 1 without gap: `sequence` is the number, 0 if it does not number
-them. `rest` and `tail` have none of their own, and tell the last one. Commits are numbered by
-`serial`.
+Each incarnation of a sender numbers its `requests` and `turns` (a process), or its `forwards`,
+`replies` and `tile` messages (a keeper), from 1 without gap: `sequence` is the number, 0 if the
+message is not numbered. `halted` and `commits` carry the last number instead. Commits are numbered
+by `serial`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import Json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
@@ -37,9 +37,9 @@ from cubepath.protocol.wire.messages import (
 )
 
 HOLD_TICKS_MAX = 200
-"""So long at most a keeper holds places for a module that thinks."""
+"""A keeper holds places for a thinking module for at most this long."""
 Register: TypeAlias = list[NoteNumber]
-"""The note of a module as its keeper holds it: empty before it has said anything."""
+"""The note of a module as its keeper holds it: empty before it has sent anything."""
 _Line = Annotated[str, msgspec.Meta(max_length=4096)]
 
 
@@ -62,12 +62,12 @@ class Attempt(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     epoch: Count
     number: Count
     turn: Count
-    site: Json
+    site: Site
     generator: Name | None = None
-    at: Json | None = None
-    sensed: list[tuple[Json, Json]] = []
-    notes: list[tuple[Json, Register, Register | None]] = []
-    after: list[tuple[Json, Count, Count | None]] = []
+    at: Site | None = None
+    sensed: list[tuple[Site, Site | None]] = []
+    notes: list[tuple[Site, Register, Register | None]] = []
+    after: list[tuple[Site, Count, Count | None]] = []
 
 
 class EnterRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
@@ -85,14 +85,14 @@ class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
     """A module that was refused time and again asks that some places stay as they are for a while.
 
     They are places of one keeper that it senses. For `ticks` of the keeper, or until its next
-    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has a
-    `number` of its own in each epoch.
+    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has its own
+    `number` in each epoch.
     """
 
     module: Count
     epoch: Count
     number: Count
-    places: list[Json]
+    places: list[Site]
     ticks: Annotated[int, msgspec.Meta(ge=0, le=HOLD_TICKS_MAX)]
 
 
@@ -138,12 +138,12 @@ class Commit(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", 
     turn: Count
     level: Count
     generator: Name | None = None
-    at: Json | None = None
-    read: list[tuple[Json, Count]] = []
-    written: list[tuple[Json, Count, Count]] = []
-    guarded: list[tuple[Json, Count]] = []
-    motion: list[tuple[Count, Json, Json, Count]] = []
-    notes: list[tuple[Json, Count, Count, Register | None]] = []
+    at: Site | None = None
+    read: list[tuple[Site, Count]] = []
+    written: list[tuple[Site, Count, Count]] = []
+    guarded: list[tuple[Site, Count]] = []
+    motion: list[tuple[Count, Site, Site, Count]] = []
+    notes: list[tuple[Site, Count, Count, Register | None]] = []
 
 
 class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
@@ -157,15 +157,15 @@ class Forwarded(msgspec.Struct, frozen=True, tag_field="kind", tag="forwarded"):
     attempt: Attempt
     process: Count
     level: Count
-    read: list[tuple[Json, Count]]
-    written: list[tuple[Json, Count, Count]]
-    guarded: list[tuple[Json, Count]]
+    read: list[tuple[Site, Count]]
+    written: list[tuple[Site, Count, Count]]
+    guarded: list[tuple[Site, Count]]
     occupants: list[Occupant | None]
-    noted: list[tuple[Json, Occupant]]
+    noted: list[tuple[Site, Occupant]]
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="decision"):
-    """What came of an attempt: with `commit` it was committed, otherwise refused, and `reason`.
+    """The result of an attempt: with `commit` it was committed, otherwise refused, and `reason`.
 
     `occupants` are the modules that it changed as they are from now on, each with its site, for the
     keepers of the chain.
@@ -176,11 +176,11 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind"
     number: Count
     reason: _Line = ""
     commit: Commit | None = None
-    occupants: list[tuple[Json, Occupant]] = []
+    occupants: list[tuple[Site, Occupant]] = []
 
 
 class Inquiry(msgspec.Struct, frozen=True, tag_field="kind", tag="inquiry"):
-    """A keeper that has prepared an attempt asks the last one of its chain what came of it."""
+    """A keeper that has prepared an attempt asks the last one of its chain for the result."""
 
     module: Count
     epoch: Count
@@ -203,20 +203,20 @@ class PlaceState(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kin
     how many moves have read that.
     """
 
-    place: Json
+    place: Site
     version: Count
-    site: Json | None = None
+    site: Site | None = None
     module: Count | None = None
     note: Register = []
     module_version: Count = 0
-    reads: list[tuple[Json, Count, Count]] = []
+    reads: list[tuple[Site, Count, Count]] = []
 
 
 class Entered(msgspec.Struct, frozen=True, tag_field="kind", tag="entered"):
     """The answer to `EnterRequest`: where the module stands, and the epoch in which it may act."""
 
     incarnation: Count
-    site: Json
+    site: Site
     occupant: Occupant
 
 
@@ -260,7 +260,7 @@ class Replies(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
 
 
 class TileUpdate(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tile"):
-    """What a keeper shows of a tile, to whoever is near enough to sense it.
+    """What a keeper shows of a tile to the modules near enough to sense it.
 
     `serial` counts the changes of the tile. `parts` are the places that the last one changed; if
     the tile is shown `whole`, all places where something is or ever was.
@@ -287,15 +287,15 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
     module: Count
     epoch: Count
     turn: Count
-    site: Json
+    site: Site
     version: Count
     sensed: list[int]
     action: Count
     received: list[tuple[int, int]] = []
     note: Register | None = None
-    guards: list[Json] = []
-    heeds: list[Json] = []
-    exchanges: list[tuple[Json, Register]] = []
+    guards: list[Site] = []
+    heeds: list[Site] = []
+    exchanges: list[tuple[Site, Register]] = []
     number: Count | None = None
     failed: _Line | None = None
 
@@ -310,7 +310,7 @@ class Turns(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Halted(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="halted"):
-    """The modules of a process were told to halt by an order, and wait for nothing any more."""
+    """The modules of a process have halted after an order, and wait for nothing any more."""
 
     process: Count
     order: Count = 0
@@ -349,7 +349,7 @@ class CommitLog(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind
     keeper: Count
     serial: Count
     parts: list[Commit]
-    units: list[tuple[Json, Count, Count, Count, Json]]
+    units: list[tuple[Site, Count, Count, Count, Site | None]]
     refused: Count
     prepared: Count
     incarnation: Count = 0
@@ -392,7 +392,7 @@ FREE_KINDS: dict[str, type[msgspec.Struct]] = {
 Numbered: TypeAlias = Requests | Forwards | Replies | TileUpdate | Turns
 """The messages that their senders number."""
 
-_decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage)
+_decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage, dec_hook=site_hook)
 
 
 def decode_free(data: bytes) -> FreeMessage:
@@ -488,7 +488,7 @@ def heard_of_tile(run: str, tile: str) -> str:
 
 
 def level_of(message: FreeMessage) -> int:
-    """Return the greatest level that a message tells of for itself, or 0."""
+    """Return the greatest level that a message carries itself, or 0."""
     match message:
         case Commit(level=level):
             return level

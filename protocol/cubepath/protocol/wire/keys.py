@@ -1,12 +1,13 @@
-"""Tiles: the small regions that places lie in, and which keeper has which.
+"""Keys, tiles and regions: where messages about a place are published, and which keeper has it.
 
-Everyone derives them from the system and the number of keepers alone. Tiles are a reach wide or a
-little more, so a move concerns few of them, and a keeper that is gone stops few modules.
+Tiles are the small regions that places lie in. Every process derives them from the system and the
+number of keepers alone. A tile is a reach wide or a little more, so a move concerns few of them,
+and a lost keeper stops few modules.
 
-What is said to places is put on a key of the region that they lie in. A process listens to the
-regions in which its modules stand, and gives each module only what is addressed to its place. A key
-is exact and ends with who puts on it, so that a router can guard who may; only the coordinator puts
-what is for a single process. Whoever gathers listens to all:
+A message for places is published on the key of the region in which they lie. A process listens to
+the regions in which its modules stand, and gives each module only what is addressed to its place. A
+key is exact and ends with its sender, so that a router can restrict who may publish on it; only the
+coordinator publishes messages for a single process. A coordinator listens to all:
 
     cubepath/RUN/to/0,1/process_3 what process 3 says to places in the region 0,1
     cubepath/RUN/reports/process_3 for anyone who gathers
@@ -23,7 +24,7 @@ from functools import lru_cache
 from typing import ClassVar
 from zlib import crc32
 
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Bundle,
@@ -56,10 +57,10 @@ _NAME = re.compile(r"-?[0-9]+(,-?[0-9]+)?")
 
 
 class Tiles:
-    """The tiles of a system, dealt to so many keepers."""
+    """The tiles of a system, dealt to this many keepers."""
 
     keepers_max: ClassVar[int] = 256
-    """A run has at most so many."""
+    """A run has at most this many."""
 
     def __init__(self, system: System, keepers: int) -> None:
         """Deal tiles to keepers by their names, evenly and at random, the same everywhere."""
@@ -111,20 +112,15 @@ def _square(numbers: Iterable[int]) -> str:
 ROOT = "cubepath"
 
 
-def addressees(system: System, message: Message, sender: Site | None = None) -> tuple[Site, ...]:
-    """Return the places that a message of a module is addressed to.
-
-    `sender` is the site in the message, if it was read from it already.
-    """
+def addressees(system: System, message: Message) -> tuple[Site, ...]:
+    """Return the places that a message of a module is addressed to."""
     match message:
         case Presence(site=site):
-            at = site_from_json(site) if sender is None else sender
-            return system.listeners(system.place_of(at))
+            return system.listeners(system.place_of(site))
         case Note(site=site) | Claim(site=site):
-            at = site_from_json(site) if sender is None else sender
-            return system.reach(system.place_of(at))
+            return system.reach(system.place_of(site))
         case Verdict(to=to):
-            return tuple(site_from_json(place) for place in to)
+            return tuple(to)
         case _:
             return ()
 
@@ -166,7 +162,7 @@ def belongs(run: str, key: str, message: Message) -> bool:
 
 
 def to_region(run: str, region: str) -> str:
-    """Return the key expression of what is said to the places of a region."""
+    """Return the key expression of messages for the places of a region."""
     return f"{ROOT}/{run}/to/{region}/**"
 
 

@@ -1,13 +1,14 @@
 """Messages on the wire, as msgspec structs in JSON; the same bytes are recorded.
 
-In each round a module says `here`, optionally a `note` and a `claim`, the `verdict` on its claim
-to the modules that wait for it, and makes its `report`. What the modules of one process say in a
-phase to a region travels as one message with its parts, `said`; their reports are one, `reports`.
-The coordinator paces rounds with `go`, and processes answer `ready`; both count the messages of the
-phase, so that a receiver knows what it misses and asks for it `again`, and carry nothing else.
+In each round a module sends `presence`, optionally a `note` and a `claim`, the `verdict` on its
+claim to the modules that wait for it, and its `report`. What the modules of one process send in a
+phase to a region travels as one message with its parts, a `bundle`; their reports are one message,
+`reports`. The coordinator paces rounds with `go`, and processes answer `ready`; both count the
+messages of the phase, so that a receiver knows what it misses and asks for it with `retransmit`,
+and carry nothing else.
 
-Bytes with a field of another type, a number or a text beyond its bounds, or without a field are no
-message; a field that is not known is of a later version, and is passed over.
+Bytes with a field of a wrong type, a number or a text beyond its bounds, or without a required
+field are no message. An unknown field belongs to a later version and is ignored.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
-from cubepath.protocol.core.catalogue import GeneratorPlacement, Json
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.path_files.certificates import Certificate
 
 MESSAGE_BYTES_MAX = 1 << 24
@@ -35,15 +37,15 @@ class Presence(msgspec.Struct, frozen=True, tag_field="kind", tag="presence"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
 
 
 class Note(msgspec.Struct, frozen=True, tag_field="kind", tag="note"):
-    """What a rule said in its last choice; goes to the places within reach of `site`."""
+    """The note of a rule's last choice; goes to the places within reach of `site`."""
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     note: list[NoteNumber]
 
 
@@ -52,9 +54,9 @@ class Claim(msgspec.Struct, frozen=True, tag_field="kind", tag="claim"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     generator: Name
-    at: Json
+    at: Site
 
 
 class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
@@ -62,23 +64,23 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
 
     round: Count
     module: Count
-    site: Json
+    site: Site
     granted: bool
-    to: list[Json]
+    to: list[Site]
 
 
 class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     """A module's announcement at the end of a round, one each, in any order of arrival.
 
-    It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move`
-    is what it executed. `received` is every part that it was delivered in this round: by kind the
-    modules that said it, in increasing order.
+    It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move` is
+    what it executed. `received` is every part that it was delivered in this round: by kind the
+    modules that sent it, in increasing order.
     """
 
     round: Count
     module: Count
-    before: Json
-    site: Json
+    before: Site
+    site: Site
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
     received: dict[Name, list[Count]]
@@ -99,7 +101,7 @@ class Bundle(msgspec.Struct, frozen=True, tag_field="kind", tag="bundle"):
     """What the modules of one process say in a phase to the places of one region.
 
     `number` counts the messages of a process to a region in a phase from 0; in the phases "sense"
-    and "claim" there is one at most. The parts are in the order in which they were said.
+    and "claim" there is one at most. The parts are in the order in which they were sent.
     """
 
     round: Count
@@ -121,11 +123,11 @@ class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
 class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
     """All processes may begin a phase of a round; or, with phase "stop", end.
 
-    `sent` counts by region the messages that were said to it in the phase before, by all processes
+    `sent` counts by region the messages that were sent to it in the phase before, by all processes
     together. With phase "observe" modules that are driven from outside send their observations.
     With phase "over" the schedule that modules carried out ends with this round (0: before the
     first): from the next on they follow their rule, each from where it stands. A process that has
-    answered already and is asked again repeats all that it said in the phase.
+    answered already and is asked again repeats everything that it sent in the phase.
     """
 
     round: Count
@@ -136,7 +138,7 @@ class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag=
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
     """All modules go back to their start, with another seed; processes answer `ready` to join.
 
-    The rounds of the wire go on counting from `round`; ranks and rules count from 1 again.
+    The rounds of the wire continue counting from `round`; ranks and rules count from 1 again.
     """
 
     round: Count
@@ -146,8 +148,8 @@ class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
 class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
     """A process has finished a phase of a round (join: it is connected).
 
-    `sent` counts by region the messages that it said in this phase. A process whose modules follow
-    a `rule` of their own, and not that of the run, names it when it joins.
+    `sent` counts by region the messages that it sent in this phase. A process whose modules follow
+    their own `rule` instead of that of the run names it when it joins.
     """
 
     round: Count
@@ -158,7 +160,7 @@ class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
 
 
 class Retransmit(msgspec.Struct, frozen=True, tag_field="kind", tag="retransmit"):
-    """A process misses messages of a phase to a region: whoever said some says them again."""
+    """A process misses messages of a phase to a region: their senders repeat them."""
 
     round: Count
     process: Count
@@ -225,10 +227,10 @@ Reason: TypeAlias = Literal[
 
 
 class Refused(msgspec.Struct, frozen=True, tag_field="kind", tag="refused"):
-    """Messages that the coordinator refused in a round; they had no effect and are not on record.
+    """Messages that the coordinator refused in a round; they had no effect and are not recorded.
 
     `key` is what followed the run in the key of the first of them, and `sender` the sender that it
-    names. Of those in a round with the same sender and reason the first is on record at once, with
+    names. Of those in a round with the same sender and reason the first is recorded at once, with
     how it begins in `sample`; how many more there were stands in the `count` of a second message.
     """
 
@@ -246,7 +248,7 @@ class Executed(msgspec.Struct, frozen=True):
 
     module: Count
     generator: Name
-    at: Json
+    at: Site
 
 
 class Edges(msgspec.Struct, frozen=True, tag_field="kind", tag="edges"):
@@ -285,7 +287,7 @@ class Stopped(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="summary"):
-    """How a run ended and what came of it.
+    """How a run ended and its results.
 
     `ended` is "goal", "max-rounds", "failed" (a rule gave up, a schedule stopped, or a process
     died) or "interrupted". Of a run that carried out a schedule it tells how many cubes that had,
@@ -355,7 +357,7 @@ KINDS: dict[str, type[Message]] = {
     "summary": Summary,
 }
 
-_decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
+_decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)
 encode = msgspec.json.Encoder().encode
 
 

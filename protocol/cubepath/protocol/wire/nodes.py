@@ -1,8 +1,8 @@
 """Nodes: the protocol as pure machines, between a wire and the code that decides.
 
-A node is told of messages and ticks, and gives effects as data: messages to put, keys to listen to,
-a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs in a
-process on zenoh and under a simulator. A shell carries the effects out in their order.
+A node receives messages and ticks, and returns effects as data: messages to publish, keys to listen
+to, a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs
+in a process on zenoh and under a simulator. A shell carries the effects out in their order.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 M = TypeVar("M")
-"""The kinds of messages that a node puts on record."""
+"""The kinds of messages that a node puts in the recording."""
 
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put these bytes on a key; whoever listens to the key receives them, but not the putter."""
+    """Put these bytes on a key; all listeners of the key except the sender receive them."""
 
     key: str
     data: bytes
@@ -39,14 +39,14 @@ class Ignore:
 
 @dataclass(frozen=True, slots=True)
 class Timer:
-    """Tick once after so many seconds, instead of at the time set before; None: do not tick."""
+    """Tick once after this many seconds, instead of at the time set before; None: do not tick."""
 
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Keep(Generic[M]):
-    """A message, put or received, that belongs on record; each comes once."""
+    """A message, put or received, that belongs in the recording; each comes once."""
 
     data: bytes
     message: M
@@ -54,7 +54,7 @@ class Keep(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The node has come to its end: nothing more needs to be told to it."""
+    """The node has come to its end: it needs no further messages."""
 
 
 Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep[Any] | End
@@ -73,4 +73,4 @@ class Node(Protocol):
 
     @abstractmethod
     def tick(self) -> list[Effect]:
-        """Take note that the timer has run out."""
+        """Note that the timer has run out."""

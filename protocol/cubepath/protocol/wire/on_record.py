@@ -1,4 +1,4 @@
-"""Messages as they stand on record, under either clock: their schemas, topics and parts."""
+"""Messages as they are recorded, under either clock: their schemas, topics and parts."""
 
 from __future__ import annotations
 

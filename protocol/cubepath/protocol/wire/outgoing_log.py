@@ -1,7 +1,7 @@
-"""The outgoing messages of a sender without rounds: numbered, and kept to be sent again.
+"""The outgoing messages of a sender without rounds: numbered, and kept for retransmission.
 
-A router that dies takes messages with it. The recorder notices the gap in the numbers and asks for
-them. Receivers accept late and duplicate messages, so the sender puts the same bytes again.
+Messages are lost when a router dies. The recorder notices the gap in the numbers and asks for them.
+Receivers accept late and duplicate messages, so the sender publishes the same bytes again.
 """
 
 from __future__ import annotations

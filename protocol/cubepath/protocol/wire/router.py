@@ -1,12 +1,13 @@
-"""The router of a run, in a process of its own.
+"""The router of a run, in a separate process.
 
 In the coordinator's process it would share zenoh's receiving threads with the coordinator's own
-session, and under a flood the two would wait for each other. Started as ``python -m
-cubepath.protocol.wire.router`` with one line of JSON (`Routing`) on standard input; it writes where
-it listens on standard output, and ends when its standard input closes.
+session, and under a flood the two would wait for each other. It is started as ``python -m
+cubepath.protocol.wire.router`` with one line of JSON (`Routing`) on standard input. It prints its
+address on standard output, and ends when its standard input closes.
 
 Without an endpoint a router is private: it listens on a unix socket that only this user can reach,
-knows everyone by a password that is made anew for it, and lets each speak on its own keys.
+knows every client by a password that is created for this run, and lets each publish on its own
+keys.
 """
 
 from __future__ import annotations
@@ -50,14 +51,14 @@ from cubepath.protocol.wire.sessions import (
 )
 
 ON_LOOPBACK = "tls/127.0.0.1:0"
-"""Where a router with certificates listens unless told otherwise."""
+"""Where a router with certificates listens by default."""
 _REFUSED = 4
 _START_S_MAX = 30.0
 _END_S_MAX = 5.0
 
 
 class Routing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a router process is told at its incarnation."""
+    """What a router process is told when it starts."""
 
     endpoint: str
     passwords: dict[str, str] = {}
@@ -81,7 +82,7 @@ class Router:
 
         Over ``tcp`` it lets everyone in and lets them say everything. Over ``tls`` it takes a
         certificate of the authority in the folder `secure`, and each speaks on its own keys.
-        Private, it knows the coordinator, so many processes and keepers, and guests, who only
+        Private, it knows the coordinator, this many processes and keepers, and guests, who only
         listen.
 
         Raises InputError if the endpoint is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``, its
@@ -224,7 +225,7 @@ def check_secure(endpoint: str, secure: Path | None) -> None:
 
 
 def without_tls(endpoint: str) -> str:
-    """Return what to tell of a router that asks nobody who they are."""
+    """Return the warning about a router that authenticates nobody."""
     return f"listening on {endpoint} without TLS: any client that connects can speak for any module"
 
 

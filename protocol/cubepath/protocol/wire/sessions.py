@@ -1,10 +1,10 @@
 """Zenoh sessions: a router, clients to it, and no discovery.
 
 The settings ensure that no client loses a message: BLOCK puts, one priority, a long wait before a
-stalled transport is closed, no shared memory (its counters run out at about 350 clients). A link to
-a process that stands still is kept for longer than anyone is patient; a process that ends is
-noticed at once all the same. A router waits for nobody as long: who does not read what it sends is
-cut off, comes back, and asks for what it missed. Measured with eclipse-zenoh 1.10.
+stalled transport is closed, no shared memory (its counters run out at about 350 clients). The link
+to a stopped process is kept for longer than any run waits; a process that ends is noticed
+immediately all the same. A router does not wait that long: it cuts off a client that does not read,
+and the client reconnects and asks for what it missed. Measured with eclipse-zenoh 1.10.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
 def check_descriptors(processes: int = 0, files: int = 0) -> None:
     """Check that there are enough file descriptors; CubepathError says how many it takes.
 
-    They are for a router, two clients, a client in each of `processes` other processes, and so many
-    files. Without them zenoh would panic.
+    They are for a router, two clients, a client in each of `processes` other processes, and this
+    many files. Without them zenoh would panic.
     """
     needed = _FOR_SESSIONS + _FOR_A_PROCESS * processes + files
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -106,10 +106,10 @@ def open_router(
     """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
 
     `guard` has the settings by which it lets clients in and lets them speak. A message of more
-    bytes, its key beside it, is dropped before it is put together. Raises InputError if
-    the router cannot listen there. It should have a process of its own, as `Router` gives it: the
-    receiving threads of zenoh are shared by all sessions of a process, and under a flood they would
-    wait for each other.
+    bytes, its key beside it, is dropped before it is put together. Raises InputError if the router
+    cannot listen there. It should have a separate process, as `Router` gives it: the receiving
+    threads of zenoh are shared by all sessions of a process, and under a flood they would wait for
+    each other.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [endpoint],
@@ -146,7 +146,7 @@ def reachable(endpoint: str) -> str:
 
 
 def is_reachable(endpoint: str, patience_s: float) -> bool:
-    """Return whether something takes connections at ``tcp/`` or ``tls/`` within so many seconds.
+    """Return whether something takes connections at ``tcp/`` or ``tls/`` within this many seconds.
 
     A router that stands still counts: the system takes them for it.
     """
@@ -176,10 +176,10 @@ def open_client(
 ) -> zenoh.Session:
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
-    It is tried for so many seconds: a router that has died may be on its way back. None is as long
-    as the parts of a run try: 10 s, and a minute if the router is there and stands still. With no
-    `credentials` of its own the session may listen at a private router, and say nothing. InputError
-    if the endpoint takes a certificate and there is none.
+    It is tried for this many seconds: a router that has died may be on its way back. None is as
+    long as the parts of a run try: 10 s, and a minute if the router is there and stands still.
+    Without `credentials` the session may listen at a private router, and publish nothing.
+    InputError if the endpoint takes a certificate and there is none.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [],
@@ -193,7 +193,8 @@ def open_client(
             return zenoh.open(_config("client", **settings))
         except zenoh.ZError:
             now = time.monotonic()
-            # Whoever is not there, or turns the session away, makes an attempt fail at once.
+            # A router that is absent, or turns the session away, makes the attempt fail
+            # immediately.
             silent = now - tried >= _OPEN_S
             most = patience_s
             if most is None:
@@ -229,7 +230,7 @@ def subscribe(
 def watch(
     session: zenoh.Session, key: str, tell: Callable[[str, bool], None]
 ) -> zenoh.Subscriber[None]:
-    """Tell of liveliness tokens, those that are there first: the key, and whether it is there now.
+    """Report liveliness tokens, the present ones first: the key, and whether it is there now.
 
     `tell` is a direct callback, as for `subscribe`.
     """
@@ -254,7 +255,8 @@ def is_heard(declared: zenoh.Publisher) -> bool:
     """Return whether a session knows of a subscriber elsewhere to what a publisher puts.
 
     A router's admin space would also tell how many there are, but to ask it while somebody declares
-    anything can lock up the router for good (zenoh 1.10; eclipse-zenoh/zenoh, pull request 2619).
+    anything can lock up the router permanently (zenoh 1.10; eclipse-zenoh/zenoh, pull request
+    2619).
     """
     # An object, which is always true; zenoh's stub declares a bool.
     return bool(cast("Any", declared.matching_status).matching)

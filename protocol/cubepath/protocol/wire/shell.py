@@ -1,12 +1,10 @@
-"""A shell: it carries out on zenoh what a node asks for, and tells it what arrives.
+"""A shell: it carries out on zenoh what a node asks for, and passes on what arrives.
 
-Zenoh's callbacks only enqueue; `step` takes one message or tick from the queue, in order. Keys that
-are put on often have a declared publisher, which costs less than a put on the session.
+Zenoh's callbacks only enqueue; `step` takes one message or tick from the queue, in order. Keys with
+frequent messages have a declared publisher, which costs less than a put on the session.
 
-What every process of a run does that was started by another one: it ends with its parent.
-
-The configuration comes in one line of JSON on standard input, never on a command line. When that
-input closes, the parent is gone, and so is the process.
+Every child process of a run ends with its parent: its configuration comes in one line of JSON on
+standard input, never on a command line, and when that input closes, the parent is gone.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ import msgspec
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.credentials import GUEST, Credentials, discard
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
@@ -52,7 +51,7 @@ def serve(
     """Read the configuration and work; print one line and return `TOLD` on failure."""
     # The coordinator handles interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
+    config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind, dec_hook=site_hook)
     threading.Thread(target=_end_with_parent, args=(endpoint_of(config),), daemon=True).start()
     try:
         work(config)
@@ -82,7 +81,7 @@ class Shell:
     ) -> None:
         """Open a session with the credentials of who the node speaks for.
 
-        `keep` receives what belongs on record, and the wall time in ns.
+        `keep` receives what belongs in the recording, and the wall time in ns.
         """
         self._node = node
         self._keep = keep
@@ -216,7 +215,7 @@ class Shell:
 
 
 def run_node(node: Node, endpoint: str, credentials: Credentials) -> None:
-    """Run a node on a session of its own until it ends."""
+    """Run a node on its own session until it ends."""
     with Shell(node, endpoint, credentials=credentials) as shell:
         shell.start()
         while not shell.ended:

@@ -43,7 +43,7 @@ def stage(found: dict[str, Any], name: str = "proof") -> dict[str, Any]:
     return dict(told)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_time_of_a_command_includes_its_search(capsys: Capture) -> None:
     """The seconds of the command are no fewer than those of its longest stage."""
     found = document(capsys, "improve", HEX, "--seconds", "0.5", "--max-states", "9")

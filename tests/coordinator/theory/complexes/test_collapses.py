@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes import collapses as collapse_module
@@ -75,7 +75,7 @@ def test_every_step_takes_a_free_face_and_none_is_left(space: CubicalComplex) ->
     check(space, collapse(space))
 
 
-@pytest.mark.slow
+@settings(max_examples=15)
 @given(quotients())
 def test_the_same_where_cubes_are_glued_to_themselves(space: CubicalComplex) -> None:
     """On random quotients too; what is left has the same Euler characteristic and homology."""
@@ -177,7 +177,6 @@ def test_a_collapse_is_the_same_every_time() -> None:
     assert np.array_equal(collapse(space).steps, collapse(space).steps)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 7])
 def test_the_arm_collapses(n: int) -> None:
     """The state complex of the positive arm collapses to a point, for every length tried."""

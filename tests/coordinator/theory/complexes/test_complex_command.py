@@ -159,7 +159,6 @@ def test_too_many_shapes_are_told_as_too_many_states(capsys: Capture) -> None:
     assert found["complex"] == "shape complex"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spec", ["arm:n=4", "agv:graph=P4,n=1", "agv:graph=grid2x2,n=4"])
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_a_complex_is_drawn(spec: str, suffix: str, tmp_path: Path, capsys: Capture) -> None:

@@ -189,7 +189,6 @@ def test_progress_adds_up_to_the_number_of_cells() -> None:
         assert sum(told) == sum(space.f_vector)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "betti", "torsion"),
     [
@@ -215,7 +214,6 @@ def test_state_complexes(
         assert found.torsion == tuple(torsion.get(k, ()) for k in range(len(betti)))
 
 
-@pytest.mark.slow
 def test_a_large_torus_is_quick() -> None:
     """A 3-torus of 216,000 cells leaves one critical cell for each class."""
     found = homology(torus(30, 30, 30))

@@ -80,7 +80,6 @@ def test_a_torus_from_one_square_is_flat() -> None:
     assert links.checked == 1
 
 
-@pytest.mark.slow
 def test_it_fails_where_the_whole_has_a_say() -> None:
     """At the start of the non-local ring the definition and the minimal sets agree on a witness."""
     scene = scene_from_spec("hex-connected:scene=ring")

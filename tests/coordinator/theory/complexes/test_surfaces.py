@@ -77,7 +77,6 @@ def test_genus_counts_handles_or_crosscaps() -> None:
     assert ClosedSurface(euler=-5, orientable=False).genus == 7
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "name"),
     [
@@ -104,7 +103,6 @@ def glued_squares(draw: st.DrawFn) -> CubicalComplex:
     return glued(apart, [(1, one, other) for one, other in pairs])
 
 
-@pytest.mark.slow
 @given(glued_squares())
 def test_squares_glued_side_to_side_are_a_closed_surface(space: CubicalComplex) -> None:
     """Its pieces, orientability and genus are those that its homology shows."""

@@ -41,7 +41,7 @@ def solved(clauses: VehicleClauses) -> Schedule | None:
 
 
 @pytest.mark.parametrize(
-    "first", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(60, 960, 60))]
+    "first", [0, *(pytest.param(k, marks=pytest.mark.nightly) for k in range(60, 960, 60))]
 )
 def test_the_clauses_agree_with_exhaustive_search(first: int) -> None:
     """One round fewer than the optimum is refuted, and the optimum is found and legal."""

@@ -36,7 +36,7 @@ from oracles.vehicle_rounds import (
 )
 
 AGV = ROOT / "tests" / "data" / "agv"
-PLANS = 1200
+PLANS = 240
 
 
 def rounds_of(found: FollowingTimetable) -> dict[int, list[Move]]:
@@ -91,7 +91,7 @@ def test_random_plans_are_legal_and_never_later() -> None:
         starts = [(found.starts[k], moves[k]) for k in found.starts]
         left = {(start, move.source) for start, move in starts}
         trains += sum((start, move.target) in left for start, move in starts)
-    assert min(rotations, trains, cancelled) > 40
+    assert min(rotations, trains, cancelled) > 8
 
 
 def test_random_plans_have_the_least_solution() -> None:
@@ -106,7 +106,7 @@ def test_random_plans_have_the_least_solution() -> None:
 def test_either_rule_is_for_any_plan_that_does_not_rotate() -> None:
     """A plan that does not keep to CG:SHOP's rule gets a timetable that does."""
     longer = 0
-    for seed in range(500):
+    for seed in range(150):
         drawn = draw_plan(seed)
         plan = drawn.plan()
         if following_timetable(plan, "mapf").rotates:
@@ -117,7 +117,7 @@ def test_either_rule_is_for_any_plan_that_does_not_rotate() -> None:
         assert is_legal(drawn.starts, rounds_of(found), "cgshop"), seed
         assert timed_moves(found) == Counter(obvious_timetable(drawn, "cgshop", {})), seed
         longer += found.makespan > (plan.rounds or 0)
-    assert longer > 5
+    assert longer > 1
 
 
 def test_unequal_times() -> None:
@@ -140,12 +140,12 @@ def test_unequal_times() -> None:
         checks = check_following(timetable_file(found, timed=True), plan)
         assert not any(checks.values()), (seed, checks)
         made += bool(times) and found.makespan > 0
-    assert made > 120
+    assert made > 20
 
 
 def test_the_chain_is_as_long_as_the_timetable() -> None:
     """Each move of the chain begins as its predecessor lets it, and they span the makespan."""
-    for seed in range(500):
+    for seed in range(120):
         found = following_timetable(draw_plan(seed).plan(), "mapf")
         chain = found.chain
         assert bool(chain) == bool(found.starts)
@@ -159,14 +159,14 @@ def test_the_chain_is_as_long_as_the_timetable() -> None:
 def test_reduction_is_that_of_the_heap() -> None:
     """Without rotations as many moves are left as the normal cube path has."""
     compared = 0
-    for seed in range(600):
+    for seed in range(150):
         found = following_timetable(draw_plan(seed).plan(), "mapf")
         if not found.rotates:
             moves = [along_edge(*sorted((m.source, m.target))) for m in found.plan.moves]
             left = sum(map(len, normal_cube_path(moves)))
             assert len(found.starts) == left, seed
             compared += left < len(moves)
-    assert compared > 50
+    assert compared > 12
 
 
 @pytest.mark.parametrize(

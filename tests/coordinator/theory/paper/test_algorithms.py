@@ -298,10 +298,3 @@ def test_two_perpendicular_segments_take_a_call_for_every_cube_saved(
     path = TimeGeodesic(singles([*first, *second]))
     assert as_sets(path) == [frozenset(pair) for pair in zip(first, second, strict=True)]
     assert calls == length + 1
-
-
-def test_short_paths_are_left_alone() -> None:
-    """No cube and one cube are normal already."""
-    assert TimeGeodesic([]) == ShrinkCubePath([]) == mended_time_geodesic([]) == []
-    reader = toggle("a", reads=["s"])
-    assert TimeGeodesic([[reader, B]]) == [[reader, B]]

@@ -74,7 +74,7 @@ def rounds_of(file: FollowingFile) -> dict[int, list[Move]]:
 def test_the_rule_is_judged_as_by_simulation() -> None:
     """Of random timetables those are allowed that a separate simulation allows; so by times."""
     verdicts = [0, 0]
-    for seed in range(2000):
+    for seed in range(500):
         rule = RULES[seed // 2 % 2]
         random = Random(seed)  # noqa: S311 - to be repeated
         drawn = draw_plan(seed, RULES[seed % 2])
@@ -83,12 +83,12 @@ def test_the_rule_is_judged_as_by_simulation() -> None:
         assert (why_illegal(file, plan) is None) == legal, seed
         assert (why_illegal(timed(file), plan) is None) == legal, (seed, why_illegal(file, plan))
         verdicts[legal] += 1
-    assert min(verdicts) > 300
+    assert min(verdicts) > 75
 
 
 def test_every_timetable_passes_every_check() -> None:
     """By rounds, and by times that say the same."""
-    for seed in range(400):
+    for seed in range(80):
         file, plan = timetable(seed, RULES[seed % 2])
         for each in (file, timed(file)):
             found = check_following(each, plan)
@@ -191,7 +191,7 @@ def pair_cancelled(file: FollowingFile, place: int) -> FollowingFile:
 def test_tampering_is_seen(tamper: Callable[[FollowingFile, int], FollowingFile]) -> None:
     """Whatever is changed in a timetable, some check fails, or nothing was changed."""
     seen = 0
-    for seed in range(300):
+    for seed in range(60):
         file, plan = timetable(seed, RULES[seed % 2])
         if not file.lines:
             continue
@@ -202,7 +202,7 @@ def test_tampering_is_seen(tamper: Callable[[FollowingFile, int], FollowingFile]
         found = check_following(changed, plan)
         assert any(found.values()), seed
         seen += 1
-    assert seen > 20
+    assert seen > 4
 
 
 def test_a_timetable_without_moves_of_the_input() -> None:
@@ -220,7 +220,7 @@ def test_a_timetable_without_moves_of_the_input() -> None:
 def test_whatever_a_file_says_is_judged() -> None:
     """Numbers in a file changed at random, one or many: each is refused or checked, or holds."""
     judged = 0
-    for seed in range(1500):
+    for seed in range(300):
         random = Random(seed)  # noqa: S311 - to be repeated
         file, plan = timetable(seed % 50, RULES[seed % 2])
         words = re.split(
@@ -236,4 +236,4 @@ def test_whatever_a_file_says_is_judged() -> None:
         found = check_following(changed, plan)
         assert changed == file or any(found.values()), (seed, words)
         judged += changed != file
-    assert judged > 200
+    assert judged > 40

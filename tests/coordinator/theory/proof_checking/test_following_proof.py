@@ -95,12 +95,12 @@ def test_a_proof_holds_where_a_log_is_needed() -> None:
 
 
 @pytest.mark.parametrize(
-    "first", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(60, 600, 60))]
+    ("first", "count"), [(0, 15), pytest.param(15, 585, marks=pytest.mark.nightly)]
 )
-def test_what_exhaustive_search_finds_is_proved_and_no_more(first: int) -> None:
+def test_what_exhaustive_search_finds_is_proved_and_no_more(first: int, count: int) -> None:
     """One round below the optimum is proved; at the optimum nothing can be."""
     by_log = 0
-    for seed in range(first, first + 60):
+    for seed in range(first, first + count):
         task = draw_task(seed)
         way = exhaustive(task)
         if way is None or len(way) == 1:
@@ -128,8 +128,8 @@ def same(task: VehicleTask, rounds: int) -> int:
 
 def test_the_clauses_are_those_of_the_solver() -> None:
     """Two ways to them, which share nothing: also for ladders, of more than five at a vertex."""
-    tasks = [draw_task(seed) for seed in range(80)]
-    assert sum(same(task, task.least + 1) for task in tasks if task.least < 9) > 2000
+    tasks = [draw_task(seed) for seed in range(30)]
+    assert sum(same(task, task.least + 1) for task in tasks if task.least < 9) > 700
     for rule in RULES:
         many = task_of(
             tuple((x, 0) for x in range(7)),
@@ -145,7 +145,7 @@ def test_the_clauses_are_those_of_the_solver() -> None:
 def test_every_legal_timetable_satisfies_the_clauses(rule: Rule) -> None:
     """By what the variables mean: so nothing that can be done is ever refuted."""
     checked = 0
-    for seed in range(60):
+    for seed in range(25):
         drawn = draw_plan(seed, rule)
         way: Way = [tuple(drawn.starts)]
         for moves in drawn.rounds:
@@ -168,7 +168,7 @@ def test_every_legal_timetable_satisfies_the_clauses(rule: Rule) -> None:
             assert any(true[each // 2 - 1] != bool(each & 1) for each in clause), (seed, clause)
             begin = end
         checked += len(ends)
-    assert checked > 10_000
+    assert checked > 4_000
 
 
 def holds(kind: int, one: int, other: int, time: int, way: Way, task: VehicleTask) -> bool:  # noqa: PLR0917
@@ -219,7 +219,7 @@ def test_unsound_lemmas_are_refused() -> None:
     """A lemma that does not follow, first of all: it is named."""
     variables = len(crossed().variables)
     unsound = 0
-    for variable in range(1, min(variables, 60)):
+    for variable in range(1, min(variables, 60), 3):
         lemma = b"a" + varint(2 * variable) + b"\0"
         log = [lemma, *crossed().log]
         why = ""
@@ -228,7 +228,7 @@ def test_unsound_lemmas_are_refused() -> None:
         except CheckError as error:
             why = str(error)
         unsound += "lemma 1 of the log does not follow" in why
-    assert unsound > 20
+    assert unsound > 6
     assert "nothing is refuted" in refused(replace(crossed(), log=[]))
     assert "neither the addition" in refused(replace(crossed(), log=[b"zzz"]))
 

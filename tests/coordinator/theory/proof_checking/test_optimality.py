@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cubepath.coordinator.theory.proof_checking.optimality import (
     ClaimedRefutation,
@@ -82,8 +82,11 @@ def holding() -> Scene:
 
 
 KINDS = {
-    "hex:n=4": 0,
+    "agv-labelled:graph=S8,n=3,seed=1": 17,
+    "agv-labelled:graph=grid3x2,n=4,seed=2": 17,
     "hex-open:n=4": 0,
+    "polygon:n=8": 9,
+    "hex:n=4": 0,
     "sliding:p=2,q=2": 0,
     "sliding:p=2,q=2,n=3": 25,
     "arm:n=4": 0,
@@ -91,9 +94,6 @@ KINDS = {
     "arms:n=2,m=2": 8,
     "agv:graph=S9,n=4,seed=1": 9,
     "agv:graph=grid3x3,n=4,seed=1": 12,
-    "agv-labelled:graph=grid3x2,n=4,seed=2": 17,
-    "agv-labelled:graph=S8,n=3,seed=1": 17,
-    "polygon:n=8": 9,
     "triangulation:n=9,seed=2": 9,
     "words": 0,
     "assembly": 0,
@@ -127,6 +127,7 @@ def accepted(told: OptimalityProof) -> ProofResult:
     return found
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", KINDS)
 def test_a_proof_holds(spec: str) -> None:
     """What is obviously a proof is accepted, for a system of each kind."""
@@ -142,6 +143,7 @@ def clauses_of(found: ClaimedRefutation) -> Counter[frozenset[int]]:
     return Counter(frozenset(signed[begin:end]) for begin, end in pairwise(begins))
 
 
+@pytest.mark.thorough
 def test_proofs_need_all_that_clauses_can_say() -> None:
     """Among these proofs are ladders of all kinds, groups, guards, and logs that are needed."""
     proofs = [*map(proof, KINDS), held()]
@@ -167,8 +169,9 @@ def held() -> OptimalityProof:
     return found
 
 
-@pytest.mark.parametrize("more", [0, 1])
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", KINDS)
+@pytest.mark.parametrize("more", [0, 1])
 def test_clauses_are_those_of_the_definitions(spec: str, more: int) -> None:
     """The clauses are, one by one, those that the obvious way finds, refuted or not."""
     scene, told = scene_from_spec(spec), proof(spec)
@@ -187,6 +190,7 @@ def same_clauses(told: OptimalityProof, ours: Obvious) -> None:
     assert clauses_of(ClaimedRefutation(told)) == expected
 
 
+@settings(max_examples=20)
 @given(scene=listed_scenes(), seed=st.integers(0, 99), alone=st.booleans())
 def test_proofs_of_random_systems(scene: Scene, seed: int, alone: bool) -> None:
     """A shortest schedule is proved optimal, and of its own length nothing is refuted.
@@ -209,6 +213,7 @@ def test_proofs_of_random_systems(scene: Scene, seed: int, alone: bool) -> None:
         refusal(false, log=[log])
 
 
+@settings(max_examples=20)
 @given(scene=listed_scenes(), seed=st.integers(0, 99), data=st.data())
 def test_no_group_that_is_accepted_refutes_what_is_possible(
     scene: Scene, seed: int, data: st.DataObject
@@ -242,10 +247,11 @@ def refusal(told: OptimalityProof, **changed: Any) -> str:
     return said
 
 
-def test_each_variable_must_be_there() -> None:
+@pytest.mark.parametrize("step", [19, pytest.param(4, marks=pytest.mark.thorough)])
+def test_each_variable_must_be_there(step: int) -> None:
     """A variable left out, twice, or of a time that the windows leave out is refused by name."""
     told = proof(STAR)
-    for number in range(0, len(told.variables), 4):
+    for number in range(0, len(told.variables), step):
         kind, index, time = told.variables[number].tolist()
         said = refusal(told, variables=np.delete(told.variables, number, axis=0))
         assert "missing" in said or "ladder" in said
@@ -265,6 +271,7 @@ def test_each_variable_must_be_there() -> None:
         assert why in refusal(told, variables=rows)
 
 
+@settings(max_examples=15)
 @given(data=st.data())
 def test_other_meanings_are_refused_or_harmless(data: st.DataObject) -> None:
     """Two variables swapped, other rounds, moves and sites: a true claim, or none."""
@@ -399,7 +406,8 @@ def test_moves_have_any_of_their_names() -> None:
     told = proof("triangulation:n=9,seed=2")
     first = told.moves[0]
     assert isinstance(first, GeneratorPlacement)
-    turned = GeneratorPlacement(first.generator, tuple(reversed(first.at)))
+    assert isinstance(first.at, tuple)
+    turned = GeneratorPlacement(first.generator, first.at[::-1])
     assert accepted(replace(told, moves=[turned, *told.moves[1:]])).optimal
     assert "the same as move 0" in refusal(told, moves=[*told.moves, turned])
 
@@ -412,7 +420,7 @@ def test_lemmas_must_follow() -> None:
     assert "the log ends, and nothing" in refusal(told, log=[])
     assert "within a lemma" in refusal(told, log=[b"a\x02"])
     wrong = 0
-    for literal in range(2, 2 * len(told.variables) + 2, 3):
+    for literal in range(2, 2 * len(told.variables) + 2, 11):
         changed = replace(told, log=[b"a%c\x00" % literal, log])
         try:
             assert check_optimality(changed).optimal
@@ -425,6 +433,7 @@ def test_lemmas_must_follow() -> None:
     assert "neither the addition" in refusal(told, log=[b"x\x02\x00", log])
 
 
+@settings(max_examples=15)
 @given(data=st.data())
 def test_changed_logs_are_refused_or_harmless(data: st.DataObject) -> None:
     """Whatever the log becomes, what is accepted is true: never more than the claim it had."""
@@ -462,7 +471,7 @@ def test_the_minimal_checker_refuses_changed_and_cut_files() -> None:
     """Any byte, as the page has it: the reader of `verify` has tests of its own."""
     data = file_of(proof("words"))
     assert check(data).proved
-    for place in range(0, len(data), 5):
+    for place in range(0, len(data), 9):
         changed = data[:place] + bytes([data[place] ^ 1 << place % 8]) + data[place + 1 :]
         for false in (changed, data[:place], data + b"\n"):
             with pytest.raises(RefusedError):

@@ -22,7 +22,6 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from oracles.solved import Pair, check_pair, model, pairs_near, pairs_of, random_actions
 from samples.listed_scenes import listed_scenes
 from samples.local_families import LOCAL_FAMILIES
@@ -65,6 +64,7 @@ def test_every_local_family_is_among_them() -> None:
     assert {name for name in all_families() if scene_from_spec(name).system.local} <= here
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", SPECS)
 def test_clauses_agree_with_exhaustive_search(spec: str) -> None:
     """A model that is a path at the optimum, none with a round less; on random pairs."""
@@ -72,7 +72,7 @@ def test_clauses_agree_with_exhaustive_search(spec: str) -> None:
     assert len({best for best in found if best is not None}) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("spec", SPECS)
 def test_clauses_agree_with_exhaustive_search_on_many_pairs(spec: str) -> None:
     """The same on far more, and farther, pairs."""
@@ -105,7 +105,7 @@ def test_actions_of_any_form(actions: int, sites: int, size: int) -> None:
     assert max(best for best in found if best is not None) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2, 6))
 @pytest.mark.parametrize(("actions", "sites", "size"), [*FORMS, (8, 7, 5), (40, 6, 3)])
 def test_many_actions_of_any_form(seed: int, actions: int, sites: int, size: int) -> None:
@@ -154,14 +154,6 @@ def test_a_system_of_another_distribution() -> None:
     where = Scene("ring", "", ring, tuple((place, "off") for place in range(5)))
     found = [check_pair(pair) for pair in pairs_of(where, 30, seed=3)]
     assert {1, 2, 3} <= set(found)
-
-
-@pytest.mark.parametrize("spec", ["hex:n=4", "sliding:p=2,q=1,n=3", "agv-labelled:graph=C5,n=2"])
-def test_a_system_of_a_file(spec: str) -> None:
-    """Written as TOML and read again."""
-    where = scene_from_toml(scene_to_toml(scene_from_spec(spec)), "file")
-    for pair in pairs_of(where, 8, seed=4):
-        check_pair(pair)
 
 
 @pytest.mark.parametrize("spec", ["hex:n=4", "agv:graph=grid3x3,n=3", "words", "sliding:n=3"])

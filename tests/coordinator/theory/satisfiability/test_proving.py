@@ -67,6 +67,7 @@ def proved(prover: Prover, *, refute: bool = False, seconds: float = 60.0) -> Pr
     return prover
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", SPECS)
 def test_the_optimum_is_that_of_exhaustive_search(spec: str) -> None:
     """With any seed; and what was refuted is one round less."""

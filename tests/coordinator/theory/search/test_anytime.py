@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +95,6 @@ def test_an_improvement_is_never_worse(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("spec", ["agv:graph=grid4x4,n=4", "hex:n=6", "triangulation:n=12"])
-@pytest.mark.slow
 def test_the_same_seed_finds_the_same_path(spec: str) -> None:
     """Bounded by iterations, nothing but input and seed counts."""
     where = scene(spec)
@@ -156,7 +154,6 @@ def round_the_cycle(where: Scene, vehicles: int, steps: int) -> list[Action]:
     return walk
 
 
-@pytest.mark.slow  # what is compiled has to be loaded
 @pytest.mark.parametrize("name", ["agv", "agv-labelled"])
 @pytest.mark.parametrize("vehicles", [1, 2, 3])
 def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: int) -> None:
@@ -172,46 +169,11 @@ def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: i
     assert found.cubes == len(exact.cubes) <= 2 + vehicles
 
 
-def test_the_long_way_round_the_obstacle_becomes_the_short_one() -> None:
-    """Half round the 3-by-2 obstacle and on on the other side, which is the same turned by 180."""
-    where = scene("sliding:p=3,q=2")
-    steps = Transitions(where.system)
-    goal = (where.goal or frozenset()) | where.system.filled
-    half = optimum(steps, steps.encode(where.start_state), steps.encode(goal)).cubes
-    assert half is not None
-    there = [steps.actions[number] for cube in half for number in cube]
-    walk = [*there, *map(turned, there[:6])]
-    exact = optimum(
-        steps, steps.encode(where.start_state), steps.encode(end_state(walk, where.start_state))
-    )
-    assert exact.cubes is not None
-    assert len(normal_cube_path(walk)) >= len(exact.cubes) + 5
-    assert checked(where, walk, iterations=300, seed=1).cubes == len(exact.cubes)
-
-
-def turned(action: Action) -> Action:
-    """Return the action turned by half a turn about the middle of the 3-by-2 obstacle."""
-
-    def turn(sites: Iterable[Any]) -> list[tuple[int, int]]:
-        return [(2 - x, 1 - y) for x, y in sites]
-
-    guards = [tuple(turn(pair)) for pair in action.guards]
-    before, after = map(turn, action.ends)
-    return Action(
-        turn(action.support),
-        turn(action.trace),
-        before,
-        after,
-        free=turn(action.free),
-        guards=[(one, other) for one, other in guards],
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "iterations", "expected"),
     [
-        pytest.param("grid8-12agents", 2000, 11, marks=pytest.mark.thorough),
+        pytest.param("grid8-12agents", 2000, 11, marks=pytest.mark.nightly),
         ("random-32-32-10-30agents", 50, 53),
     ],
 )
@@ -375,7 +337,6 @@ def test_the_command_line_says_which_gap_is_left(
     assert "lower bound    1" in out
 
 
-@pytest.mark.slow
 def test_an_interrupt_keeps_the_best_path_so_far() -> None:
     """The search ends with what it has found, which is better than the class and checked."""
     path = random_walk("agv:graph=grid6x6,n=5", 300, 1)

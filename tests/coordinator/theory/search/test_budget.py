@@ -169,7 +169,6 @@ def shortened(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[i
     return code, told.out, told.err
 
 
-@pytest.mark.slow
 def test_effort_counts_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One result whatever the machine; it is refused beside a time."""
     path = tmp_path / "moves.jsonl"

@@ -286,7 +286,7 @@ def test_an_interrupt_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         assert after.cubes <= told[0].cubes <= before.cubes < len(normal_cube_path(walk))
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_a_crowd_gets_below_what_neighbourhoods_find() -> None:
     """160 vehicles of CG:SHOP 2021 in fewer than 37 rounds; their bound is 29."""
     task = task_of(shorten(DATA / "cgshop2021-algae.json"))

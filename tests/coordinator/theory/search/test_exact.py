@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube
-from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.transitions import Transitions, only_class
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from oracles.complexes import actions_at, commuting_sets
-from samples.strategies import scene, toggle, walks
+from samples.strategies import scene, toggle
 
 SMALL = (
     "agv:graph=C5,n=2",
@@ -80,19 +78,6 @@ def test_a_search_that_is_stopped_still_bounds_from_below(bound: int) -> None:
     stopped = optimum(steps, start, goal, max_states=bound)
     assert stopped.at_least <= exact.at_least
     assert stopped.cubes is None or len(stopped.cubes) == exact.at_least
-
-
-@pytest.mark.slow
-@given(st.data())
-def test_no_path_is_shorter_than_the_optimum(data: st.DataObject) -> None:
-    """The normal cube path of any walk has at least as many cubes."""
-    where = scene(data.draw(st.sampled_from(SMALL)))
-    steps = Transitions(where.system)
-    walk = data.draw(walks(where.spec, max_size=14))
-    end = steps.encode(end_state(walk, where.start_state))
-    found = optimum(steps, steps.encode(where.start_state), end)
-    assert found.cubes is not None
-    assert len(found.cubes) <= len(normal_cube_path(walk))
 
 
 def test_maximal_sets_of_moves_are_not_enough() -> None:

@@ -48,12 +48,10 @@ def test_a_search_that_is_said_to_be_too_wide_does_not_begin(
     """It gives up before its first round, with the bound that is known without it."""
     spec, path = given_path
     start, known = scene(spec).start_state, numbered(path)
-    starts, moves = cubes_of(
-        normal_form_of(known.numbers, known.supports), known.numbers, known.supports
-    )
-    if len(starts) == 1:
+    cubes = cubes_of(normal_form_of(known), known)
+    if len(cubes.starts) == 1:
         return
-    first = known.numbers[moves[: int(starts[1])]]
+    first = known.numbers[cubes.moves[: int(cubes.starts[1])]]
     if too_wide(first, known.supports, max_states):
         steps = Transitions(None, known)
         goal = steps.encode(start) ^ 1 << steps.bit("elsewhere")

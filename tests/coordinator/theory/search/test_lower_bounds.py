@@ -8,8 +8,6 @@ from random import Random
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.normal_form.definitions import end_state
-from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import bottleneck, lower_bound, module_bound
 from cubepath.coordinator.theory.search.transitions import Transitions
@@ -21,7 +19,7 @@ from cubepath.protocol.systems.flips import FlipSystem, crossing_bound, flip_bou
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.complexes import states_of
-from samples.strategies import scene, walks
+from samples.strategies import scene
 
 SMALL = (
     "agv:graph=C6,n=2",
@@ -60,19 +58,6 @@ def test_no_bound_is_above_the_optimum(spec: str) -> None:
         assert lower_bound(where.system, one, other, within=least).cubes <= least
         assert lower_bound(where.system, one, other, within=least + 50).cubes <= least
         assert lower_bound(None, one, other, within=least).cubes == min(1, least)
-
-
-@pytest.mark.slow
-@given(st.data())
-def test_no_bound_is_above_the_cubes_of_a_path(data: st.DataObject) -> None:
-    """Whatever walk there is, its normal cube path has at least as many cubes as the bound."""
-    where = scene(data.draw(st.sampled_from(SMALL)))
-    walk = data.draw(walks(where.spec, max_size=30))
-    cubes = normal_cube_path(walk)
-    end = end_state(walk, where.start_state)
-    bound = lower_bound(where.system, where.start_state, end, within=len(cubes))
-    assert (bound.cubes == 0) == (end == where.start_state)
-    assert bound.cubes <= len(cubes)
 
 
 def test_labelled_vehicles_need_as_long_as_the_longest_way() -> None:
@@ -171,7 +156,6 @@ def test_the_bottleneck_is_the_least_of_all_pairings(away: list[list[int]]) -> N
     assert bottleneck(away, 3) == min(best, 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("corners", [6, 9, 12, 20])
 def test_a_fan_needs_rounds_like_the_logarithm_of_its_corners(corners: int) -> None:
     """From one fan to the opposite: the diagonal that crosses most halves each round at best."""

@@ -58,8 +58,13 @@ def settled(where: Scene, walk: list[Action], **options: Any) -> tuple[CubePath,
     return best, stage
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("spec", SYSTEMS)
+@pytest.mark.parametrize(
+    "spec",
+    [
+        pytest.param(spec, marks=pytest.mark.nightly if place % 3 else pytest.mark.thorough)
+        for place, spec in enumerate(SYSTEMS)
+    ],
+)
 def test_windows_alone_reach_the_optimum_of_short_paths(spec: str) -> None:
     """Once nothing is left to ask, no path is shorter: exhaustive search agrees."""
     where, walk = scene(spec), random_walk(spec, 40, seed=3)

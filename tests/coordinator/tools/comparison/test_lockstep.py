@@ -255,7 +255,7 @@ def test_what_is_cut_off_is_compared_as_far_as_it_goes() -> None:
     found = diff(a, b)
     assert not found.same
     assert found.message is None
-    assert "a goes on for 2 more rounds, which b has not; they were not compared" in found.notes
+    assert "a continues for 2 more rounds, which b lacks; they were not compared" in found.notes
     assert found.answer == "b is the beginning of a: the same in rounds 1 to 4, and then b ends"
     assert (found.beginning, diff(b, a).beginning) == ("b", "a")
     part = diff(a, b, rounds=(1, 4))

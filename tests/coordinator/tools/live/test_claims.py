@@ -52,7 +52,7 @@ def test_what_cannot_be_is_passed_over() -> None:
     """Modules that there are not, and places that are none, break nothing."""
     found = ClaimListener(NumberedWorld(SCENE), free=False)
     found.take(claim(1, module=7))
-    found.take(Claim(1, 0, {"no": "site"}, "edge", None))
+    found.take(Claim(1, 0, "no site", "edge", ()))
     found.take(Claim(1, 1, to_json(SITE), "no such generator", to_json(SITE)))
     assert (found.told(1) or {"claims": [[1, []]]})["claims"] == [[1, []]]
 

@@ -111,8 +111,8 @@ def test_no_shape_has_more_cells_beside_it_than_a_line(
     ("beside", "size"),
     [
         (SIX, 4),
-        pytest.param(SIX, 5, marks=pytest.mark.thorough),
-        pytest.param(FOUR, 5, marks=pytest.mark.thorough),
+        pytest.param(SIX, 5, marks=pytest.mark.nightly),
+        pytest.param(FOUR, 5, marks=pytest.mark.nightly),
     ],
 )
 def test_shapes_come_about_as_often_as_one_another(beside: tuple[Cell, ...], size: int) -> None:
@@ -161,8 +161,8 @@ def test_growth_prefers_compact_shapes() -> None:
     [
         (3, [11]),
         (5, [186]),
-        pytest.param(6, [813, 1], marks=pytest.mark.thorough),
-        pytest.param(7, [3585, 27, 27, 12, 1], marks=pytest.mark.thorough),
+        pytest.param(6, [813, 1], marks=pytest.mark.nightly),
+        pytest.param(7, [3585, 27, 27, 12, 1], marks=pytest.mark.nightly),
     ],
 )
 def test_which_shapes_of_hexagons_reach_one_another(size: int, parts: list[int]) -> None:

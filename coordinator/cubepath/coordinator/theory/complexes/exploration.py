@@ -1,4 +1,4 @@
-"""Breadth-first exploration: all states that can be reached from a start, as rows of bits.
+"""Breadth-first exploration: all states reachable from a start, as rows of bits.
 
 The result is the transition graph of the paper (lemma on the skeleta of the state complex), with
 the action of each edge; a bound on the number of states limits time and memory.

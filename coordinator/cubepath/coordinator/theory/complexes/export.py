@@ -29,7 +29,7 @@ from cubepath.coordinator.theory.complexes.state_complexes import StateComplex, 
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_text, to_json
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ class ProjectedView:
 
 
 def best_view(points: Points, edges: NDArray[np.int32]) -> ProjectedView:
-    """Return points in space, shape (vertices, 3), as seen from where the most is told apart.
+    """Return points in space, shape (vertices, 3), from the viewpoint that separates them best.
 
     Looked at from many sides, the one is taken from which vertices are farthest from their nearest
     neighbours in the picture, and edges are longest; the wide side of the picture is across.
@@ -498,7 +498,7 @@ def _move(built: Complex, edge: int) -> str:
     if isinstance(built, StateComplex):
         return built.cube(1, edge)[1][0].label
     step, *_ = built.cubes[1][edge][1]
-    return f"{step.generator} at {list(step.at)}"
+    return f"{step.generator} at {to_json(step.at)}"
 
 
 def complex_document(built: Complex) -> dict[str, Any]:

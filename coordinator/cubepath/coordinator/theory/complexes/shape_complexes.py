@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 
@@ -80,12 +80,12 @@ def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]
 
 def order_of(step: GeneratorPlacement) -> tuple[Cell, str]:
     """Return the sort key of a step: its place as a cell, then its generator."""
-    return step.at, step.generator
+    return cast("Cell", step.at), step.generator
 
 
 def shifted(lattice: Lattice, step: GeneratorPlacement, by: Cell) -> GeneratorPlacement:
     """Return the step translated by `by`."""
-    return GeneratorPlacement(step.generator, lattice.shift(step.at, by))
+    return GeneratorPlacement(step.generator, lattice.shift(cast("Cell", step.at), by))
 
 
 def steps_at(system: System, shape: Shape) -> dict[GeneratorPlacement, Action]:
@@ -310,7 +310,7 @@ def lift(system: System, plan: Macro, at: Cell) -> Lift:
         actions = []
         for step in steps:
             try:
-                action = system.action(step.generator, lattice.shift(step.at, at))
+                action = system.action(step.generator, lattice.shift(cast("Cell", step.at), at))
             except InputError as error:
                 return Lift(at, None, f"cube {number}: {error}")
             if end_at(action, state) is None:

@@ -1,6 +1,7 @@
-"""Plans of vehicles read, and timetables and proofs about them as files.
+"""Plans of vehicles read from files, and timetables and proofs about them written to files.
 
-Code that shares nothing with what computed a timetable checks it before it is printed.
+A timetable is checked before it is printed, by code that shares nothing with the code that computed
+it.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ Schedule = list[list[tuple[int, Cell, Cell]]]
 LITERALS_MAX = 30_000_000
 """The greatest number of literals: Python takes some seconds for ten millions."""
 _PAIRS_MAX = 5
-"""Of so many variables at most one holds by pairs, of more by a ladder of further variables."""
+"""Of this many variables at most one holds by pairs, of more by a ladder of further variables."""
 _FAR = 1 << 30
 AT, GOES, UP_TO = range(3)
 """Kinds of variables: (vehicle, vertex, time), (source, target, time), (vehicle, vertex, time)."""
@@ -314,7 +314,7 @@ WAY = "way of a vehicle"
 
 @dataclass(frozen=True)
 class Refuted:
-    """Why no timetable has so many `rounds` or fewer, by a log of a solver, or by the ways alone.
+    """Why no timetable has this many `rounds` or fewer, by a log of a solver, or by the ways alone.
 
     `log` is None where unit propagation of the clauses does it. `clauses` is None where some
     vehicle has further to go.
@@ -334,7 +334,7 @@ class FewestRounds:
     `rounds` are those of the best timetable that is known, and `timetable` is one if it is shorter
     than the plan's own. No timetable has fewer rounds than `lower_bound`, by `refuted`, which is
     None where nothing moves. By the word of two solvers none has fewer than `agreed`, None if they
-    were not both asked. `ended` is done, time, interrupt, or why solvers could not go on.
+    were not both asked. `ended` is done, time, interrupt, or why solvers could not continue.
     """
 
     rounds: int
@@ -456,7 +456,7 @@ class _Search:
     def _ask(
         self, rounds: int, solvers: tuple[SolverProcess, SolverProcess], end: float, logs: ExitStack
     ) -> bool:
-        """Return whether so many rounds are too few, by a log or by both solvers."""
+        """Return whether this many rounds are too few, by a log or by both solvers."""
         if self._tick is not None:
             self._tick(rounds)
 
@@ -484,7 +484,7 @@ class _Search:
         return True
 
     def _note(self, rounds: int, clauses: VehicleClauses, log: IO[bytes]) -> None:
-        """Note that so many rounds are refuted, in a way that can be checked."""
+        """Note that this many rounds are refuted, in a way that can be checked."""
         if self.refuted is not None and self.refuted.log is not None:
             self.refuted.log.close()
         size = os.fstat(log.fileno()).st_size

@@ -1,10 +1,10 @@
-"""How far a shortened path is from the best there is: improvement, lower bound, optimum.
+"""How far a shortened path is from the best possible: improvement, lower bound, optimum.
 
 There are three gaps. *Shortening*: from the moves to the normal cube path, the shortest of its
 homotopy class; closed by `cubepath.coordinator.normal_form.heap`. *Class*: from there to the best
 path found in any class. *Proof*: from there to the greatest lower bound that was proved.
 
-It touches only the clock, to know when to stop.
+It uses the clock only to know when to stop.
 """
 
 from __future__ import annotations

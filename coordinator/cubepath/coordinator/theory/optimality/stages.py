@@ -1,6 +1,6 @@
-"""What is known beyond the class of a path, stage by stage, each in its share of the time.
+"""What is known beyond the class of a path, stage by stage, each within its share of the time.
 
-It touches the clock, to know when to stop, the processes of solvers, and the file of a proof.
+It uses the clock, to know when to stop, the processes of solvers, and the file of a proof.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ Between = Callable[[int, int], object]
 _SHARES = {"classes": 0.1, "bounds": 0.2, "windows": 0.2, "optimum": 0.25, "proof": 1.0}
 """Shares of the time that these stages may take; the search gets the rest, a proof its own time."""
 _BOUND_STEPS = 20_000_000
-"""Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
+"""Without a time limit, the bounds may look at this many sites on the way of modules, and pairs."""
 _WINDOW_STEPS = 1_000_000
-"""Without a time limit, the windows may look at so many sites and moves."""
+"""Without a time limit, the windows may look at this many sites and moves."""
 _LISTED_MAX = 20_000
-"""Clauses are made of so many listed moves at most: where they are more, they are not built."""
+"""Clauses are made of this many listed moves at most: where they are more, they are not built."""
 _SETS_A_STATE = 40
-"""Without a time limit, the exhaustive search may look at so many sets of moves per state."""
+"""Without a time limit, the exhaustive search may look at this many sets of moves per state."""
 
 
 class OptimalityStages:
@@ -93,7 +93,7 @@ class OptimalityStages:
         """What two solvers agree on and nobody can check: no path has fewer cubes."""
 
     def share(self, seconds: float, before: float) -> None:
-        """Take so many seconds for all stages, a share `before` of them for those before a proof.
+        """Take this many seconds for all stages, a share `before` of them for those before a proof.
 
         The proof gets what they leave. Where clauses cannot be built, they get all.
         """
@@ -255,7 +255,7 @@ class OptimalityStages:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
 
     def _is_wide(self) -> bool:
-        """Return whether the exhaustive search would not begin, as far as that is told by arrays.
+        """Return whether the exhaustive search would not begin, as far as arrays show it.
 
         Then the moves that occur, which may be many, need not be listed.
         """
@@ -414,7 +414,7 @@ class OptimalityStages:
         return (path.actions[number] for number in np.unique(path.numbers).tolist())
 
     def _plain(self, cubes: Iterable[Iterable[Action]]) -> CubePath:
-        """Return the normal cube path of moves in which vehicles may have labels of their own."""
+        """Return the normal cube path of moves in which vehicles may have their own labels."""
         actions = [action for cube in cubes for action in cube]
         return normal_cube_path(actions if self._own is None else self._own.plain(actions))
 

@@ -55,9 +55,9 @@ class PathTask:
 def task_of(found: Shortened) -> PathTask:
     """Return the task of a path that was shortened.
 
-    Where a plan's vehicles have goals of their own, each must end where the path takes it.
-    InputError for moves of which only support and trace are known, and for moves that the system
-    does not have: the possible moves are then unknown.
+    Where a plan's vehicles have their own goals, each must end where the path takes it. InputError
+    for moves of which only support and trace are known, and for moves that the system does not
+    have: the possible moves are then unknown.
 
     >>> task = task_of(shorten(play("hex:n=4")))
     >>> from cubepath.protocol.core.sites import in_order

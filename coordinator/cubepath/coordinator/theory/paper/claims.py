@@ -1,6 +1,6 @@
 """All claims of the paper together, and computing them one after another.
 
-It touches only the clock.
+Of the outside world it uses only the clock.
 """
 
 from __future__ import annotations

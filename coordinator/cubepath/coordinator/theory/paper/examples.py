@@ -1,7 +1,7 @@
-"""Claims of the paper as rows of `cubepath paper`; here those of its definition and its examples.
+"""Claims of the paper as rows of `cubepath paper`: those of its definition and its examples.
 
 A claim is a function without arguments that does the computation; a row has its text and its
-result. The others are in `topology`, `curvature` and `geodesics_and_time`, and `claims` has all of
+result. The others are in `topology`, `curvature` and `geodesics_and_time`; `claims` lists all of
 them, in the order of the paper.
 """
 

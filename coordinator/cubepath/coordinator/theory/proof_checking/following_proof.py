@@ -31,7 +31,7 @@ from cubepath.protocol.plans.imported import VehiclePlan
 AT, GOES, UP_TO = range(3)
 """Kinds of variables: (vehicle, vertex, time), (source, target, time), (vehicle, vertex, time)."""
 LADDER_FROM = 6
-"""From so many vehicles on a vertex has a ladder instead of a clause for each pair."""
+"""From this many vehicles on a vertex has a ladder instead of a clause for each pair."""
 Meaning = tuple[int, int, int, int]
 Span = tuple[int, int, int]
 """The first and the last time at which a vehicle can be at a vertex, and what is added to a time to
@@ -52,7 +52,7 @@ def reached(beside: Sequence[Sequence[int]], origin: int) -> list[int | None]:
 
 
 class FollowingClauses:
-    """Vehicles on a graph, and what must hold for so many rounds of them.
+    """Vehicles on a graph, and what must hold for this many rounds of them.
 
     `beside` has the neighbours of each vertex, and `beyond`, under the rule of CG:SHOP 2021 alone,
     the vertex that one comes to from an edge (source, target) by going on straight, where there is
@@ -132,7 +132,7 @@ class FollowingClauses:
 
     @property
     def too_far(self) -> bool:
-        """Whether some vehicle cannot reach its end in so many rounds, were it alone."""
+        """Whether some vehicle cannot reach its end in this many rounds, were it alone."""
         return not all(self._when)
 
     def _can(self, who: int, vertex: int, time: int) -> bool:
@@ -283,8 +283,8 @@ def check_fewest_rounds(
 ) -> FewestRoundsResult:
     """Check a proof and return what it proves.
 
-    `tell` is told what is being done, and how much since the last call. Raises CheckError, in one
-    line, for the first thing that does not hold.
+    `tell` is called with what is being done, and how much since the last call. Raises CheckError,
+    in one line, for the first thing that does not hold.
 
     >>> found = check_fewest_rounds(FollowingProof(
     ...     rule="mapf", starts=[(0, 0)], ends=[(2, 0)], vertices=[(0, 0), (1, 0), (2, 0)],

@@ -360,7 +360,7 @@ def _breaking(
 
 
 Tell = Callable[[str, int], object]
-"""Is told what is being done, and how much of it was done since the last call."""
+"""Called with what is being done, and how much of it was done since the last call."""
 
 
 @dataclass(frozen=True, slots=True)

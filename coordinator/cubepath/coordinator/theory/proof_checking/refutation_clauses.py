@@ -29,11 +29,11 @@ TRUE, FALSE = -1, -2
 ON, OFF, STAY, READ = 0, 1, 2, 3
 """What a move does to a site: it toggles it to on or off, holds it in its trace, or reads it."""
 PAIRS_TO = 6
-"""Among so many moves that toggle a site the same way, each pair excludes each other."""
+"""Among this many moves that toggle a site the same way, each pair excludes each other."""
 PAIRS_WITH_READERS_TO = 36
 """The same for moves that hold a site: the product of their number and that of all of them."""
 GROUP_TO = 64
-"""Among so many sites of a group that can be on, each pair excludes each other."""
+"""Among this many sites of a group that can be on, each pair excludes each other."""
 
 
 class Slots(NamedTuple):
@@ -290,7 +290,7 @@ def _pairs(slots: Slots, roles: Roles, literals: Ints, ends: Longs, state: Longs
 
 @inner
 def needs_ladder(role: int, count: int, readers: int) -> bool:
-    """Return whether so many moves, and readers of what they hold, are too many for pairs."""
+    """Return whether this many moves, and readers of what they hold, are too many for pairs."""
     if role == STAY:
         return count * (count + readers) > PAIRS_WITH_READERS_TO
     return count > PAIRS_TO

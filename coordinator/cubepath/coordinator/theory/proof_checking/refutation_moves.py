@@ -27,7 +27,7 @@ from cubepath.protocol.core.system import System
 
 
 class Moves:
-    """All actions that any schedule of so many rounds could use, and the windows of their moves.
+    """All actions that any schedule of this many rounds could use, and the windows of their moves.
 
     `sites` has the numbers of sites, and `numbered` those of the actions that have a name in the
     proof, by their positions there: -1 for what was not found.
@@ -210,7 +210,7 @@ class ProofWindows(NamedTuple):
     def refuting_site(self) -> int | None:
         """Return a site that can have neither value at some time, None if there is none.
 
-        Where there is one, there is no schedule of so many rounds.
+        Where there is one, there is no schedule of this many rounds.
         """
         begin = self.ahead.reshape(-1, 2)
         end = self.rounds - self.behind.reshape(-1, 2)

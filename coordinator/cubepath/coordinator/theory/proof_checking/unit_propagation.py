@@ -48,7 +48,7 @@ class _State(NamedTuple):
     literal. The watches of literal ``l`` are `watch_size[l]` pairs (another literal, clause) in
     `watches` from `watch_at[l]` on, with room for `watch_room[l]`. `value` is 1, -1 or 0 for a
     literal that is true, false or unknown; `trail` lists the true ones, the first ``_TRAIL`` of
-    them for good, and `reason` says for each variable why.
+    them permanently, and `reason` says for each variable why.
     """
 
     pool: Ints
@@ -164,7 +164,7 @@ class Refuter:
         return None
 
     def _make_room(self, size: int) -> None:
-        """Make room for all clauses that so many bytes could hold."""
+        """Make room for all clauses that this many bytes could hold."""
         pool = self._state.pool
         need = int(self._state.numbers[_POOL]) + 3 * size + 16
         if need > len(pool):
@@ -253,7 +253,7 @@ def _check(state: _State, watches: Ints, data: Bytes) -> Ints:
     numbers[_AT] = 0
     trying = False
     while not numbers[_FOUND]:
-        # Propagate, for good or on trial: the literals of a lemma are false.
+        # Propagate, permanently or on trial: the literals of a lemma are false.
         tail = numbers[_TRAIL] if not trying else tried
         head = numbers[_HEAD]
         conflict = False
@@ -314,7 +314,7 @@ def _check(state: _State, watches: Ints, data: Bytes) -> Ints:
             if not conflict:
                 numbers[_FAULT] = _NOT_IMPLIED
                 break
-            # Watch literals that are not false for good, so that nothing is missed later.
+            # Watch literals that are not permanently false, so that nothing is missed later.
             numbers[_LEMMAS] += 1
             good = 0
             for place in range(length):
@@ -364,7 +364,7 @@ def _check(state: _State, watches: Ints, data: Bytes) -> Ints:
                 _delete(state, lemma, length)
                 numbers[_AT] = at
                 continue
-            # Literals that are true for good, or that stand with their negation, make it hold.
+            # Literals that are permanently true, or that stand with their negation, make it hold.
             tried = numbers[_TRAIL]
             count, holds = 0, False
             for place in range(length):
@@ -419,7 +419,7 @@ def _roomier(state: _State, watches: Ints, literal: int) -> Ints:
 
 @inner
 def _add(state: _State, watches: Ints, lemma: Ints, length: int, good: int) -> Ints:
-    """Add a lemma; of its first two literals `good` are not false for good."""
+    """Add a lemma; of its first two literals `good` are not permanently false."""
     pool, numbers = state.pool, state.numbers
     clause = numbers[_POOL] + _HEADER
     for place in range(length):

@@ -1,8 +1,8 @@
-"""The clauses of "a path of so many rounds leads from start to goal", and what they mean.
+"""The clauses of "a path of N rounds leads from start to goal", and what they mean.
 
-Variables are values of sites at times and moves in rounds, as far as the windows leave them open;
-docs/proofs.md lists the clauses. They are built twice by the same compiled function: first counted,
-then filled in.
+Variables are values of sites at times and moves in rounds, where the windows leave them open;
+docs/proofs.md lists the clauses. One compiled function builds them twice: first it counts them,
+then it fills them in.
 
 Sources: planning as satisfiability (Kautz and Selman 1992), with explanatory frame axioms; at most
 one of many by a sequential counter (Sinz 2005).

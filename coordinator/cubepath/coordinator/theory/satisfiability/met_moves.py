@@ -284,7 +284,7 @@ class MetMoves:
         return None if number is None else self.names[number]
 
     def reach(self, rounds: int) -> None:
-        """Find all moves that paths of up to so many rounds could use."""
+        """Find all moves that paths of up to this many rounds could use."""
         half = -(-rounds // 2)
         if self._ask is None or half <= self._depth:
             return
@@ -294,7 +294,7 @@ class MetMoves:
         self._depth = half
 
     def _ask_about(self, end: int, layer: int, moves_at: Callable[[Site], Iterable[Move]]) -> None:
-        """Learn the moves at all sites that may be on so many rounds from one end."""
+        """Learn the moves at all sites that may be on this many rounds from one end."""
         first = first_times(self.arrays(), self.on(end), layer)
         self.spend(0)
         for site in np.flatnonzero(first[:, 1] <= layer).tolist():

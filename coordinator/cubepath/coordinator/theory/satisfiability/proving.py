@@ -242,7 +242,7 @@ class _Job:
         self.step = 1 << 20
         """How far below the best path it looks for a path."""
         self.most = 1 << 30
-        """It has nothing to do while the best path has so many cubes or more."""
+        """It has nothing to do while the best path has this many cubes or more."""
 
     def begin(
         self, problem: Encoding, solver: str, *, seed: int = 0, log: IO[bytes] | None = None

@@ -1,10 +1,10 @@
 """The process in which a SAT solver works, so that it can be ended at any moment.
 
 It reads problems from standard input and answers on standard output, one after another, until its
-input ends; a solver that does not come to an end holds nobody up, and is ended from outside. It
-ends with its parent, however that ends.
+input ends. A solver that does not finish blocks nobody, and is ended from outside. The process ends
+with its parent, however that ends.
 
-It touches standard input and output, and the file that it is told to write.
+It uses standard input and output, and the file that it is told to write.
 """
 
 from __future__ import annotations

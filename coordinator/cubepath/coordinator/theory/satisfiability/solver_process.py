@@ -1,9 +1,9 @@
-"""A SAT solver in a process of its own, which is asked, waited for, and ended at any moment.
+"""A SAT solver in a separate process: ask it, wait for it, and end it at any moment.
 
-A solver that is told to stop after some time may not do so, and while it works in this process
-nothing else can: no interrupt is heard. So it works elsewhere.
+A solver that is told to stop after some time may not do so, and while it works in this process no
+interrupt gets through. So it works in another one.
 
-It touches processes, and files for logs that it is given.
+It uses processes, and files for logs that it is given.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def check_installed(what: str) -> None:
 
 
 class _Child(NamedTuple):
-    """The process, what it is told, and what it answers: unbuffered, so that it can be awaited."""
+    """The process, its input, and its answers: unbuffered, so that it can be awaited."""
 
     process: subprocess.Popen[bytes]
     told: BinaryIO
@@ -161,7 +161,7 @@ class SolverProcess:
             raise self._ended() from error
 
     def answer(self, seconds: float | None) -> SolverAnswer | None:
-        """Return the answer, None if there is none within so many seconds (None: however long).
+        """Return the answer, None if there is none within this many seconds (None: however long).
 
         After None the solver works on: ask again, or `end` it. SolverError if the process ended, or
         nothing was asked.

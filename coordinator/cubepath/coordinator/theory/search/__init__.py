@@ -1,4 +1,4 @@
-"""Past the homotopy class: exact optima, lower bounds and shorter paths.
+"""Beyond the homotopy class: exact optima, lower bounds and shorter paths.
 
 It takes a system, two states and a path between them; it knows nothing of files and messages. It
 imports `complexes`, to find out whether there is only one class, `satisfiability`, to ask for

@@ -4,9 +4,9 @@ The normal cube path is the shortest in its class, so any shorter path lies in a
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
 the routes of a few vehicles, with all others unchanged (`vehicle_lns`) or thrown out where they are
 in the way (`conflict_optimizer`). Each names its sources. A step never makes the path worse. A
-system may have a search of its own (`System.paths`); the path that it finds is taken only if it is
-one from the start to the end. Beside them a SAT solver looks for shorter windows in a process of
-its own (`sat_windows`), if time alone bounds the search.
+system may have its own search (`System.paths`); the path that it finds is taken only if it is one
+from the start to the end. Beside them a SAT solver looks for shorter windows in a separate process
+(`sat_windows`), if time alone bounds the search.
 
 It touches the clock, to know when to stop, and the process of a solver.
 """
@@ -41,9 +41,9 @@ _MOVES_A_STEP = 500
 _SITES_MAX = 4096
 """Systems of vehicles with more sites than this are searched by neighbourhoods only."""
 _OWN = 0.8
-"""Where a system has a search of its own, the share of steps that it gets."""
+"""Where a system has its own search, the share of steps that it gets."""
 _WORK_MAX = 200_000
-"""Then windows are tried only for paths with at most so many moves times sites that are on."""
+"""Then windows are tried only for paths with at most this many moves times sites that are on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def improve(
 
     The search ends after `seconds` or `iterations`, whichever comes first, if necessary in the
     middle of a step, or as soon as the path has at most `enough` cubes. Without `iterations` a SAT
-    solver takes part, if python-sat is installed; `by_sat` is told what it spent. Bounded by
+    solver takes part, if python-sat is installed; `by_sat` gets what it spent. Bounded by
     iterations alone, the result depends only on the input and `seed`. `watch` is called with every
     better path as it is found, `tick` after each step with the number of steps. `normal` is the
     normal cube path of the path, and `transitions` those of the system, if they are known already.
@@ -166,7 +166,7 @@ class _Record:
         return self.best.cubes if self._pending is None else self._pending[0].cost[0]
 
     def see(self, proposal: _Proposal | None, steps: int) -> None:
-        """Take note of a proposal, and build the best one if enough steps have gone by."""
+        """Note a proposal, and build the best one if enough steps have gone by."""
         known = self.best.cubes, self.best.moves
         if self._pending is not None:
             known = min(known, self._pending[0].cost)
@@ -176,7 +176,7 @@ class _Record:
             self.build()
 
     def build(self) -> None:
-        """Build the better path, if there is one, and tell of it."""
+        """Build the better path, if there is one, and report it."""
         if self._pending is None:
             return
         proposal, steps = self._pending
@@ -215,7 +215,7 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improvement:
 class _Proposal(NamedTuple):
     """A path proposed by a search: the number of its cubes and moves, and how to build it.
 
-    The search may go on meanwhile: what is built is its best path by then.
+    The search may continue meanwhile: what is built is its best path by then.
     """
 
     cost: tuple[int, int]
@@ -223,7 +223,7 @@ class _Proposal(NamedTuple):
 
 
 class _Search:
-    """The searches that fit the system, each with a path of its own; the better one is shared."""
+    """The searches that fit the system, each with its own path; the better one is shared."""
 
     def __init__(
         self,

@@ -1,6 +1,6 @@
 """What a search may spend, in seconds or in steps, and what it has spent.
 
-It touches only the clock, to know when to stop.
+It uses the clock only to know when to stop.
 """
 
 from __future__ import annotations

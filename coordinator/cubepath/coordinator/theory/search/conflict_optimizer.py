@@ -47,7 +47,7 @@ _OFTEN = 128
 _FEW = 3
 """With fewer that wait than this when counts are halved, the repair seems to go in a circle."""
 _LONGER = 8
-"""One exchange of goals in so many is made although it makes ways longer."""
+"""One exchange of goals in this many is made although it makes ways longer."""
 
 
 class Draft(NamedTuple):
@@ -328,7 +328,7 @@ def exchange(draft: Draft, window: RouteWindow, one: int, other: int) -> None:
 
 @compiled
 def repair(draft: Draft, window: RouteWindow, tries: int, *, exchanged: bool) -> bool:
-    """Plan waiting vehicles through all others, whom they throw out, at most `tries` times.
+    """Plan waiting vehicles through all others, which they throw out, at most `tries` times.
 
     With `exchanged`, vehicles that wait may exchange goals. Return whether all have a route.
     """
@@ -357,7 +357,7 @@ def repair(draft: Draft, window: RouteWindow, tries: int, *, exchanged: bool) ->
 
 
 _TRIES = 100_000
-"""A repair is given up after so many routes, and begun again from what the plan is by then."""
+"""A repair is given up after this many routes, and begun again from what the plan is by then."""
 _QUICK = 20
 """Routes per vehicle within which a cut of several rounds must be repaired."""
 _WORK = 1_000_000

@@ -1,6 +1,7 @@
 """Vehicles that must keep their own ends, on a graph whose system gives them no labels.
 
-Such a path is one of the system with a label for each vehicle; moves are taken there and back.
+Such a path is translated into a system with a label for each vehicle; moves are translated there
+and back.
 """
 
 from __future__ import annotations

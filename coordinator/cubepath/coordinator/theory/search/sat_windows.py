@@ -44,7 +44,7 @@ _WIDTH = 8
 """The number of cubes of the windows that are tried first."""
 _WIDER = 1.5
 _WHOLE_BEFORE = 18
-"""The whole path is tried before windows of so many cubes."""
+"""The whole path is tried before windows of this many cubes."""
 _WHOLE_SHARE = 0.4
 """The share of the time that is left which the solver may take for the whole path."""
 _SOLVING_S = 0.5
@@ -53,9 +53,9 @@ _LONGER, _LONGEST_S = 3.0, 3600.0
 _BUILDING_S = 2.0
 """How long the moves of a window may take to be found, in seconds."""
 _START_S = 0.4
-"""How long the process takes to start: until then it would not take what it is told."""
+"""How long the process takes to start: until then it would not accept orders."""
 _REST_ON_GRAPH = 5.0
-"""For vehicles, other steps get so many times the time that building clauses took."""
+"""For vehicles, other steps get this many times the time that building clauses took."""
 _STALLED_S = 1.0
 """For vehicles, nothing is asked while other steps find better plans within this time."""
 _LITERALS_MAX = 3_000_000
@@ -71,7 +71,7 @@ Ends = tuple[int, int]
 class _Tried(NamedTuple):
     """What is known of a window: no path has fewer rounds than `least`.
 
-    Nor was one with fewer than `hardly` found by a solver that had so many `seconds`.
+    Nor was one with fewer than `hardly` found by a solver that had this many `seconds`.
     """
 
     least: int = 0
@@ -89,7 +89,7 @@ class _Question(NamedTuple):
 
 
 class SatWindows:
-    """A solver that is asked about one window after another, while something else goes on.
+    """A solver that is asked about one window after another, while something else continues.
 
     A context manager, which ends the solver. `stage` notes the number of questions and the time
     that the solver took.
@@ -107,8 +107,8 @@ class SatWindows:
     ) -> None:
         """Take the best path so far; without a system its moves are all that there are.
 
-        With `own_ends` the vehicles have no labels, but each keeps its own end. Whoever spends the
-        `budget` lets the solver go on meanwhile.
+        With `own_ends` the vehicles have no labels, but each keeps its own end. The solver
+        continues while others spend the `budget`.
         """
         budget.tick = self.advance
         self._own: OwnEnds | None = None

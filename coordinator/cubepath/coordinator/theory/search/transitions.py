@@ -127,7 +127,7 @@ class Transitions:
         self.support: list[int] = []
         self.sites: list[Site] = []
         self._discover = None if system is None else system.discovery()
-        # Sites whose moves are known, or that the discovery was told of.
+        # Sites whose moves are known, or that the discovery was given.
         self._met = 0
         self._bits = Ordinals[Site]()
         self._numbers: dict[Action, int] = {}

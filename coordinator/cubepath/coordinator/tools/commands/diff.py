@@ -1,6 +1,6 @@
-"""`cubepath diff A B`: where two runs part, and why; or whether two paths are equal.
+"""The command ``cubepath diff A B``: where two runs part, and why; or whether two paths are equal.
 
-A path is a recording, of a run with rounds or without, or whatever `shorten` takes.
+A path is a recording, of a run with rounds or without, or anything that `shorten` reads.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def add_live_options(run: argparse.ArgumentParser, more: Any) -> None:
     more.add_argument(
         "--paused",
         action="store_true",
-        help="with --live: wait before the first round until the page lets the run go on",
+        help="with --live: wait before the first round until the page resumes the run",
     )
     more.add_argument(
         "--rate",

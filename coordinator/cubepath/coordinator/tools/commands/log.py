@@ -431,7 +431,7 @@ def _rows(recorder: Recorder) -> list[tuple[str, object]]:
         ("run", recorder.run),
         ("messages", recorder.messages),
         ("ended", recorder.ended),
-        ("lost", told or "nothing that is known of"),
+        ("lost", told or "none detected"),
         *([("cut off", f"{recorder.cut_off} times")] if recorder.cut_off else []),
         *(("log", path) for path in recorder.logs),
     ]

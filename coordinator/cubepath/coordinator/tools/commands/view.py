@@ -1,4 +1,4 @@
-"""The command that draws: ``cubepath view``, a picture, a film, or a page for a browser."""
+"""The command ``cubepath view``: a picture, a film, or a page for a browser."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _names(sources: Sequence[Path]) -> list[str]:
 
 
 def _branches(drawn: DrawingInput) -> list[Mark]:
-    """Return where a what-if departs from the recording that it goes on from."""
+    """Return where a what-if departs from the recording that it continues from."""
     if drawn.recording is None:
         return []
     from cubepath.coordinator.verification.parameters import spans, stages_in  # noqa: PLC0415

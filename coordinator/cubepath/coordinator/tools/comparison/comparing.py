@@ -1,9 +1,9 @@
 """Comparing two runs: what differs first, and why.
 
-Recordings of runs with rounds are gone through round by round; of runs without rounds what follows
-from versions is compared; of anything else, and of a run with rounds and one without, the moves
-are. Of systems of two families nothing fits together, neither places nor modules nor moves: there
-only how the runs ended is compared. What would be ignored is refused in one line.
+Recordings of runs with rounds are compared round by round. For runs without rounds, what follows
+from versions is compared. For anything else, and for a run with rounds against one without, the
+moves are compared. Systems of two families have no places, modules or moves in common, so only the
+endings of their runs are compared. An option that would have no effect is refused in one line.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _ended(recording: Recording) -> str:
 
 
 def parent_notes(a: Recording, b: Recording) -> Iterator[str]:
-    """Yield in words how one run goes on from the other, or both from a third."""
+    """Yield in words how one run continues from the other, or both from a third."""
     parents = [each.parameters.get("parent_sha256") for each in (a, b)]
     runs = (a, b)
     for side, parent in enumerate(parents):
@@ -313,7 +313,7 @@ def _lockstep(
         message = _results(readings)
     found = message, parting.outcome, parting.move
     differs = bool(parting.choices) or any(each is not None for each in found)
-    # What is on record in one run and was not compared is no difference, and may have been one.
+    # What is recorded in one run and was not compared is no difference, and may have been one.
     gaps = any(side_by_side.gaps(side) for side in (0, 1))
     missing = gaps or any(parting.lacking)
     late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
@@ -403,7 +403,7 @@ def _notes(side_by_side: SideBySide) -> Iterator[str]:
         if more:
             left = "" if parting.followed else "; they were not compared"
             rounds = counted(more, "more round")
-            yield f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not{left}"
+            yield f"{NAMES[side]} continues for {rounds}, which {NAMES[1 - side]} lacks{left}"
 
 
 def _odd(reading: Reading) -> Iterator[str]:
@@ -421,7 +421,7 @@ def _odd(reading: Reading) -> Iterator[str]:
 
 
 def _beginning(readings: tuple[Reading, Reading], parting: FoundDifferences) -> str | None:
-    """Return the run after whose last round the other goes on, if nothing of it was lost then."""
+    """Return the run after whose last round the other continues, if nothing of it was lost then."""
     if not any(parting.only):
         return None
     side = 0 if parting.only[1] else 1
@@ -469,7 +469,7 @@ def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
 
 
 def _results(readings: tuple[Reading, Reading]) -> MessageDifference | None:
-    """Return what the coordinator says of two runs in which modules said and did the same."""
+    """Return what the coordinator says of two runs in which modules sent and did the same."""
     one, two = (reading.transcript for reading in readings)
     if one.summary is None or two.summary is None:
         return None

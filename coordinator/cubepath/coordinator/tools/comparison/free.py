@@ -1,9 +1,9 @@
 """Two runs without rounds: the commits that differ first by what they depend on, and why.
 
-When things happened differs between any two such runs, and is not compared. A commit is the same in
-both if it is the same move of the same module, writes the same, and depends on the same commits,
-all of them the same; so runs all of whose commits are the same are equal up to commuting. Of the
-others those are first that depend on no other of them.
+The times of events differ between any two such runs, so they are not compared. A commit is the same
+in both runs if it is the same move of the same module, writes the same, and depends on the same
+commits, all of them the same; so runs whose commits are all the same are equal up to commuting. Of
+the other commits, the first are those that depend on no other differing one.
 
 The rule is asked again turn by turn, as in an audit, up to the turn that led to the commit.
 """
@@ -40,7 +40,6 @@ from cubepath.coordinator.tools.comparison.told import (
     RunComparison,
 )
 from cubepath.coordinator.verification.choices import Observing
-from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -162,7 +161,7 @@ def _other(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> list[_
     """Return the commits that differ and depend on none that does, by level and module.
 
     With each comes the commit of the same module and number in the other run, if there is one. What
-    a run lacks that has not all its commits on record is no difference.
+    a run lacks that has not all its commits in the recording is no difference.
     """
     one, two = (run.commits for run in runs)
     found: dict[CommitId, _Pair] = {}
@@ -227,7 +226,7 @@ _Named = tuple[int, str, Site]
 def _by_level(run: CommitGraph) -> dict[int, list[_Named]]:
     found: dict[int, list[_Named]] = {}
     for moved, _ in run.moves():
-        named = moved.module, str(moved.generator), site_in(moved.at)
+        named = moved.module, str(moved.generator), moved.at
         found.setdefault(moved.level, []).append(named)
     return found
 
@@ -289,7 +288,7 @@ def _paths_of(runs: tuple[CommitGraph, CommitGraph], same: set[CommitId]) -> Pat
 
 
 def _action(moved: Commit, action: Action) -> Action:
-    place = site_in(moved.at)
+    place = moved.at
     if moved.generator is None or place is None:
         return action
     return named(action, moved.generator, place)
@@ -301,13 +300,13 @@ _Chosen = tuple[object, ...]
 
 @dataclass(frozen=True)
 class _Trail:
-    """The turns of a module up to that of a commit, with what came of asking rules again."""
+    """The turns of a module up to that of a commit, with the results of asking rules again."""
 
     inputs: list[object]
     shown: ShownInTurn | None
     """What it was shown in the last of them."""
     chosen: _Chosen
-    """What is on record that it chose then."""
+    """What is recorded that it chose then."""
     played: list[ReplayedChoice | None]
     refused: str | None
     """Why rules could not be asked."""
@@ -341,7 +340,7 @@ def explain_commit(
 
 
 def _follow(run: CommitGraph, commit: CommitNode, ways: Sequence[RuleSource]) -> _Trail | None:
-    """Follow a module up to the turn of a commit; None if that is not on record."""
+    """Follow a module up to the turn of a commit; None if that is not recorded."""
     scene, moved = run.recording.scene, commit.moved
     observing = Observing(scene)
     inputs: list[object] = []
@@ -391,7 +390,7 @@ def _play(
 
 
 def _recorded(run: CommitGraph, turn: Turn) -> _Chosen:
-    site = site_in(turn.site)
+    site = turn.site
     move = None
     if site is not None and turn.action:
         moves = run.history.system.moves(site)
@@ -401,9 +400,9 @@ def _recorded(run: CommitGraph, turn: Turn) -> _Chosen:
         move,
         None if turn.note is None else tuple(turn.note),
         turn.failed,
-        tuple(map(site_in, turn.guards)),
-        tuple(map(site_in, turn.heeds)),
-        {site_in(place): tuple(note) for place, note in turn.exchanges},
+        tuple(turn.guards),
+        tuple(turn.heeds),
+        {place: tuple(note) for place, note in turn.exchanges},
     )
 
 

@@ -1,7 +1,7 @@
-"""A run without rounds as its versions tell it: commits with what they depend on, and turns.
+"""A run without rounds as its versions describe it: commits, their dependencies, and turns.
 
-Of what was said only commits, turns and incarnations are kept. Which commit depends on which
-follows from the versions that they name, never from the order of arrival.
+Of the messages only commits, turns and incarnations are kept. The versions that commits name say
+which commit depends on which, never the order of arrival.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TypeAlias
 from cubepath.coordinator.tools.comparison.moves import ODD_MAX, action_text, cut_text
 from cubepath.coordinator.verification.free_history import History
 from cubepath.coordinator.verification.free_units import NO_SITE, changed_by, held_by
-from cubepath.coordinator.verification.transcript import is_cut_off, site_in
+from cubepath.coordinator.verification.transcript import is_cut_off
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
@@ -75,13 +75,13 @@ class CommitGraph:
         self.cut = cut_text(recording)
         """What it was cut from, in words; None if it was not cut."""
         self.missing = 0
-        """How many commits are not on record, by their numbers."""
+        """How many commits are not recorded, by their numbers."""
         self._odd: list[tuple[str, str]] = []
         self.summary: Summary | None = None
         self.turns: dict[int, dict[tuple[int, int], Turn]] = {}
         """By module, then by epoch and turn."""
         self.loose = 0
-        """How many commits follow on some that are not on record."""
+        """How many commits follow on some that are not recorded."""
         self._entered: dict[tuple[int, int], Site] = {}
         self._commits: dict[int, dict[int, Commit]] = {}
         self._read()
@@ -134,7 +134,7 @@ class CommitGraph:
         elif isinstance(part, Commit):
             self._moved(part)
         elif isinstance(part, Entered):
-            site = site_in(part.site)
+            site = part.site
             if site is not None:
                 self._entered.setdefault((part.occupant.module, part.occupant.epoch), site)
 
@@ -153,7 +153,7 @@ class CommitGraph:
     def _linked(self) -> dict[CommitId, CommitNode]:
         """Return all commits in an order in which they can have happened.
 
-        Those that follow on others which are not on record are left out, and counted: which of its
+        Those that follow on others which are not recorded are left out, and counted: which of its
         module's commits such a one is, nobody knows.
         """
         history = self.history
@@ -204,16 +204,16 @@ class CommitGraph:
         for name, turn in sorted(self.turns.get(moved.module, {}).items()):
             if name > (moved.epoch, moved.turn):
                 return
-            site = site_in(turn.site)
+            site = turn.site
             born = self._entered.get((turn.module, turn.epoch), site)
             if born is not None:
                 yield turn, turn.epoch != epoch, born
             epoch = turn.epoch
 
     def shown(self, turn: Turn) -> ShownInTurn | None:
-        """Return what a rule was shown in a turn, None if its versions are not on record."""
+        """Return what a rule was shown in a turn, None if its versions are not recorded."""
         history, system = self.history, self.history.system
-        site = site_in(turn.site)
+        site = turn.site
         standing = history.module(turn.module, turn.version)
         if site is None or standing is None:
             return None
@@ -246,7 +246,7 @@ class CommitGraph:
 
 @dataclass(frozen=True)
 class ShownInTurn:
-    """What a rule was shown in a turn; in words `who` is where, and `told` who says what."""
+    """What a rule was shown in a turn; in words, `who` is where, and `told` what each one sends."""
 
     site: Site
     register: Register
@@ -270,16 +270,15 @@ class _Links:
         self._read: dict[tuple[object, int], list[int]] = {}
 
     def before(self, name: int, moved: Commit) -> set[int] | None:
-        """Return what a commit depends on, and take note of what it does.
+        """Return what a commit depends on, and note what it does.
 
-        None if it finds a version that nobody on record wrote.
+        None if it finds a version that no recorded commit wrote.
         """
         finds: list[tuple[object, int]] = []
         found: set[int] = set()
         for value, version in (*moved.read, *moved.guarded):
-            finds.append((site_in(value), version))
-        for value, version, _ in moved.written:
-            unit = site_in(value)
+            finds.append((value, version))
+        for unit, version, _ in moved.written:
             finds.append((unit, version))
             found.update(self._read.get((unit, version), ()))
         for module, version in held_by(moved).items():
@@ -289,9 +288,9 @@ class _Links:
         known = all(version <= 0 or (what, version) in self._wrote for what, version in finds)
         found.update(self._wrote[each] for each in finds if each in self._wrote)
         for value, version in moved.read:
-            self._read.setdefault((site_in(value), version), []).append(name)
+            self._read.setdefault((value, version), []).append(name)
         for value, version, _ in moved.written:
-            self._wrote[site_in(value), version + 1] = name
+            self._wrote[value, version + 1] = name
         for module, version in changed_by(moved).items():
             self._wrote[("module", module), version] = name
         return found - {name} if known else None
@@ -299,5 +298,5 @@ class _Links:
 
 def _content(moved: Commit) -> tuple[object, ...]:
     notes = tuple((module, tuple(note)) for _, module, _, note in moved.notes if note is not None)
-    at = None if moved.generator is None else site_in(moved.at)
+    at = None if moved.generator is None else moved.at
     return moved.generator, at, notes

@@ -1,7 +1,7 @@
-"""Two runs with rounds, gone through side by side: what differs first, round by round.
+"""Two runs with rounds, read side by side: what differs first, round by round.
 
-Nothing is derived here: what modules said is compared, each thing once, in the order of the run.
-Memory is that of the rounds in progress and of some numbers for each round.
+Nothing is derived here: the messages of modules are compared, each once, in the order of the run.
+Memory is that of the rounds in progress and a few numbers for each round.
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ from cubepath.coordinator.tools.comparison.told import (
 )
 from cubepath.coordinator.verification.parameters import stages_in
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
-from cubepath.coordinator.verification.transcript import RecordedRound, site_in
-from cubepath.protocol.core.catalogue import Json
+from cubepath.coordinator.verification.transcript import RecordedRound
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
 
 _KINDS = ("presence", "note", "claim", "verdict", "report", "edges")
-"""What is said in a round, in this order."""
+"""The messages of a round, in this order."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class ComparisonScope:
 
 @dataclass(frozen=True)
 class ClaimOutcomes:
-    """A claim that came of otherwise: what is on record of its round in both runs."""
+    """A claim with another result: what is recorded of its round in both runs."""
 
     round: int
     module: int
@@ -71,7 +70,7 @@ class FoundDifferences:
     compared: list[Span] = field(default_factory=list)
     """The rounds that were compared."""
     only: tuple[int, int] = (0, 0)
-    """How many rounds each run has on record after the last that the other has."""
+    """How many rounds each run has in the recording after the last that the other has."""
     lacking: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
     """Kinds of messages that are missing in a run which has not all, and so were not compared."""
     present: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
@@ -209,7 +208,7 @@ class SideBySide:
         self._moves(number, a, b)
 
     def _is_lacking(self, number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> bool:
-        """Return whether a message is missing in a run that has not all that was said."""
+        """Return whether a message is missing in a recording with gaps."""
         for reading, said, lacking in zip(self.readings, lists, self.found.lacking, strict=True):
             # The edges come after the round, which may have been the last one.
             if key not in said and (key[0] == "edges" or reading.lacks(number)):
@@ -220,10 +219,10 @@ class SideBySide:
     def _choices(
         self, number: int, a: RecordedRound, b: RecordedRound, different: list[tuple[str, int]]
     ) -> None:
-        """Take down who chose otherwise, and the first claim that came of otherwise."""
+        """Note which modules chose otherwise, and the first claim with another result."""
         found = self.found
         for kind, module in different:
-            # The place from which a note is said follows from moves; what it says was chosen.
+            # The place from which a note is sent follows from moves; what it says was chosen.
             noted = kind == "note" and note_of(a, module) != note_of(b, module)
             silent = {(side, number) for side in (0, 1) if number in self._silent[side]}
             if noted and silent:
@@ -288,7 +287,7 @@ class ModuleStates:
             for module, report in reports.items():
                 if report.site == report.before:
                     continue
-                site = site_in(report.site)
+                site = report.site
                 if site is not None and site != sites[module]:
                     self._count(sites[module], 2 * side - 1)
                     self._count(site, 1 - 2 * side)
@@ -315,7 +314,7 @@ class ModuleStates:
             self._balance.pop(site, None)
 
     def note(self, number: int) -> None:
-        """Take note whether the states differ at the end of a round, 0 for the start."""
+        """Note whether the states differ at the end of a round, 0 for the start."""
         if self._balance and self._begin is None:
             self._begin = number
         elif not self._balance and self._begin is not None:
@@ -333,7 +332,7 @@ _Said = dict[tuple[str, int], Any]
 
 
 def _said(this: RecordedRound) -> _Said:
-    """Return what is said in a round, by kind and module."""
+    """Return the messages of a round, by kind and module."""
     found: _Said = dict(this.said)
     found.update((("report", module), report) for module, report in this.reports.items())
     if this.edges is not None:
@@ -345,7 +344,7 @@ def _place(key: tuple[str, int]) -> tuple[int, int]:
     return _KINDS.index(key[0]), key[1]
 
 
-def _told(message: Any) -> dict[str, Json] | None:
+def _told(message: Any) -> dict[str, Any] | None:
     """Return the fields of a message."""
     return None if message is None else msgspec.to_builtins(message)
 
@@ -368,25 +367,25 @@ Chosen = tuple[str, Site | None] | None
 def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
     """Return what a module chose: its move, and why it gave up.
 
-    A claim that nobody could hear was not said; of that the report tells, if it was granted.
+    A claim that nobody could receive was not sent; of that the report tells, if it was granted.
     """
     claim, report = this.said.get(("claim", module)), this.reports.get(module)
     failed = None if report is None else report.failed
     if isinstance(claim, Claim):
-        return (claim.generator, site_in(claim.at)), failed
+        return (claim.generator, claim.at), failed
     if report is not None and report.move is not None:
-        return (report.move.generator, site_in(report.move.at)), failed
+        return (report.move.generator, report.move.at), failed
     return None, failed
 
 
 def note_of(this: RecordedRound, module: int) -> tuple[int, ...] | None:
-    """Return the note that a module said in a round."""
+    """Return the note that a module sent in a round."""
     note = this.said.get(("note", module))
     return tuple(note.note) if isinstance(note, Note) else None
 
 
 def _claim_is_lost(this: RecordedRound, module: int) -> bool:
-    """Return whether a module claimed what is not on record, and did not come to do it."""
+    """Return whether a module claimed what is not recorded, and did not come to do it."""
     report = this.reports[module]
     return ("claim", module) not in this.said and report.claim != "none" and report.move is None
 
@@ -396,7 +395,7 @@ def _outcome(this: RecordedRound, module: int) -> str | None:
     return None if report is None else report.claim
 
 
-def _moves(this: RecordedRound) -> dict[int, tuple[str, Json]]:
+def _moves(this: RecordedRound) -> dict[int, tuple[str, Any]]:
     return {
         module: (report.move.generator, report.move.at)
         for module, report in this.reports.items()

@@ -10,18 +10,16 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import replace
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from math import inf
 from typing import Any, NamedTuple
 
-import msgspec
-
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.shortening.path_input import read_input
+from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
 from cubepath.coordinator.tools.comparison.told import MoveDifference, PathComparison
 from cubepath.coordinator.verification.choices import Moment
-from cubepath.coordinator.verification.dependencies import difference
+from cubepath.coordinator.verification.dependencies import difference, label_of
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
@@ -29,21 +27,20 @@ from cubepath.coordinator.verification.transcript import (
     Sorting,
     Transcript,
     is_cut_off,
-    site_in,
 )
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.path_files.moves import is_by_generator
 from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode
 
 ODD_MAX = 3
-"""So many lines on what is odd with a recording are kept."""
+"""This many lines on what is odd with a recording are kept."""
 
 
 class Contradiction(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -79,7 +76,7 @@ class Reading:
         self.odd: list[str] = []
         """What is odd, without anything being derived: the first lines."""
         self.cut_off: str | None = None
-        """Why the end of the run is not on record, None if it is."""
+        """Why the end of the run is not recorded, None if it is."""
         self._in_order = in_order
         self._sorting = Sorting(recording, self._fail, first=self.first, gaps=True)
 
@@ -110,7 +107,7 @@ class Reading:
         self._sorting.end()
 
     def lacks(self, number: int) -> bool:
-        """Return whether messages of a whole round can be missing though they were said."""
+        """Return whether messages of a whole round can be missing although they were sent."""
         damaged = bool(self.recording.problems) or RECOVERED in self.recording.parameters
         if self.by_kind or damaged:
             return True
@@ -129,7 +126,7 @@ def start_of(reading: Reading, number: int, said: RecordedRound) -> tuple[Site, 
     scene = reading.recording.scene
     if number == 1:
         return scene.start
-    told = (site_in(said.reports[module].before) for module in range(len(scene.start)))
+    told = (said.reports[module].before for module in range(len(scene.start)))
     return tuple(
         there if site is None else site for site, there in zip(told, scene.start, strict=True)
     )
@@ -168,8 +165,8 @@ def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - 
 def moments(reading: Reading) -> Iterator[Moment]:
     """Yield each whole round as derived from the moves before it, back to the last gap.
 
-    Contradiction where a move on record is none from where its module stands, or a module says that
-    it stands elsewhere.
+    Contradiction where a move in the recording is none from where its module stands, or a module
+    says that it stands elsewhere.
     """
     scene = reading.recording.scene
     sites = list(scene.start)
@@ -181,12 +178,12 @@ def moments(reading: Reading) -> Iterator[Moment]:
         where = f"round {number}, module_"
         motion: dict[Site, Site] = {}
         for module, report in said.reports.items():
-            if site_in(report.before) != sites[module]:
+            if report.before != sites[module]:
                 stood = site_text(sites[module])
                 raise Contradiction(f"{where}{module}: its moves lead to {stood}, not to its word")
             if report.move is None:
                 continue
-            at = site_in(report.move.at)
+            at = report.move.at
             move = None
             if at is not None:
                 move = scene.system.move_named(sites[module], report.move.generator, at)
@@ -199,8 +196,7 @@ def moments(reading: Reading) -> Iterator[Moment]:
 
 def action_text(generator: str, at: Any) -> str:
     """Return a move in words."""
-    place = site_in(at)
-    return f"{generator} at {at if place is None else site_text(place)}"
+    return f"{generator} at {site_text(at)}"
 
 
 class Path:
@@ -221,9 +217,9 @@ class Path:
         if report.move is not None:
             self.move(number, report.module, report.move.generator, report.move.at)
 
-    def move(self, number: int, module: int, generator: str, at: Json) -> None:
+    def move(self, number: int, module: int, generator: str, at: Site) -> None:
         """Add a move."""
-        place: Any = site_in(at)  # what is none is none of the system
+        place: Any = at  # what is none is none of the system
         known = self._numbers.get((generator, place))
         if known is None:
             try:
@@ -359,39 +355,36 @@ def compare_files(
         if isinstance(given, Scene):
             what = f"the moves of {name} are read as those of {given.spec}"
             notes.append(f"{what}, as the recording is")
-    one, two = (_moves_in(each, given) for each, given in zip((a, b), systems, strict=True))
-    notes += [
-        f"{name} {odd}" for name, each in zip("ab", (one, two), strict=True) for odd in each.odd
-    ]
+    both = [_moves_in(each, given) for each, given in zip((a, b), systems, strict=True)]
+    (one, _), (two, _) = both
+    notes += [f"{name} {odd}" for name, (_, each) in zip("ab", both, strict=True) for odd in each]
     first = first_other(one.actions, two.actions)
     move = None
     if first is not None:
-        labels = [_label(each.actions, first) for each in (one, two)]
-        move = MoveDifference(first + 1, None, labels[0], labels[1])
+        mine, theirs = (
+            label_of(each.actions[first]) if first < len(each.actions) else None
+            for each in (one, two)
+        )
+        move = MoveDifference(first + 1, None, mine, theirs)
     scene = None
-    if one.scene is not None and two.scene is not None:
-        scene = scenes_text(one.scene, two.scene)
-    starts = one.start, two.start
-    if (one.scene is None or two.scene is None) and one.start is not None and two.start is not None:
-        # Only of sites that moves of both touch is it known whether they are on.
-        common = _touched(one) & _touched(two)
-        starts = one.start & common, two.start & common
+    if one.given_scene is not None and two.given_scene is not None:
+        scene = scenes_text(one.given_scene, two.given_scene)
+    starts = starts_to_compare(one, two)
     identical = first is None and starts[0] == starts[1]
     paths = compare_paths(one.actions, two.actions, starts, None, identical=identical)
     end, unknown = _ends(one, two, homotopic=paths.homotopic is None)
     return FilesCompared(move, replace(paths, end=end, end_unknown=unknown), scene, notes)
 
 
-def _ends(one: _Moves, two: _Moves, *, homotopic: bool) -> tuple[str | None, str | None]:
+def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | None, str | None]:
     """Return how the states at the end differ, or else why it is not known whether they do."""
     ends = _end(one), _end(two)
     if ends[0] is None or ends[1] is None:
         # Homotopic paths end alike, wherever they begin.
         return None, None if homotopic else "the moves do not say which sites are on"
-    if one.scene is not None and two.scene is not None:
+    if one.given_scene is not None and two.given_scene is not None:
         return states_text(*ends), None
-    touched = _touched(one), _touched(two)
-    common = touched[0] & touched[1]
+    common = one.touched & two.touched
     apart = states_text(ends[0] & common, ends[1] & common)
     if apart is not None:
         return apart, None
@@ -407,23 +400,17 @@ def _ends(one: _Moves, two: _Moves, *, homotopic: bool) -> tuple[str | None, str
     return None, None
 
 
-class _Moves(NamedTuple):
-    actions: Sequence[Action]
-    start: AbstractSet[Site] | None
-    scene: Scene | None
-    odd: list[str]
-
-
-def _moves_in(source: Recording | Source, system: str | Scene | None) -> _Moves:
-    if isinstance(source, Recording):
-        path = gathered(source)
-        odd = [f"is damaged: {problem}" for problem in source.problems]
-        cut = cut_text(source)
-        odd += [] if cut is None else [f"has {cut}"]
-        odd += [] if path.unfinished is None else [f"has not all moves: {path.unfinished}"]
-        return _Moves(path.path, source.scene.start_state, source.scene, odd)
-    given = read_input(source, system)
-    return _Moves(given.actions, given.start, given.given_scene, [])
+def _moves_in(
+    source: Recording | Source, system: str | Scene | None
+) -> tuple[PathInput, list[str]]:
+    """Return a path, and what is odd with the recording that it is of."""
+    if not isinstance(source, Recording):
+        return read_input(source, system), []
+    found, cut = gathered(source), cut_text(source)
+    odd = [f"is damaged: {problem}" for problem in source.problems]
+    odd += [] if cut is None else [f"has {cut}"]
+    odd += [] if found.unfinished is None else [f"has not all moves: {found.unfinished}"]
+    return PathInput(source.path, "recording", found.numbered, 0.0, source.scene), odd
 
 
 def _system_for(
@@ -440,27 +427,10 @@ def _system_for(
 def _names_generators(source: Source) -> bool:
     """Return whether the first line of a file is a move by its generator."""
     with opened(source) as file:
-        for _, line in file.numbered_lines():
-            try:
-                found: object = msgspec.json.decode(line)
-            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-                return False
-            return isinstance(found, dict) and "generator" in found
-    return False
+        return any(is_by_generator(line) for _, line in islice(file.numbered_lines(), 1))
 
 
-def _label(actions: Sequence[Action], place: int) -> str | None:
-    if place >= len(actions):
-        return None
-    action = actions[place]
-    return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
-
-
-def _touched(moves: _Moves) -> frozenset[Site]:
-    return frozenset[Site]().union(*(action.support for action in moves.actions))
-
-
-def _end(moves: _Moves) -> frozenset[Site] | None:
+def _end(moves: PathInput) -> frozenset[Site] | None:
     if moves.start is None:
         return None
     state = set(moves.start)

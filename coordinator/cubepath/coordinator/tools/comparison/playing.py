@@ -1,8 +1,8 @@
-"""One module's rule asked again in each round of a record, with every number that it drew.
+"""One module's rule asked again in each round of a recording, with every number that it drew.
 
-As `auditing` does for all modules: an actor with the random streams of the seed is given what
-`verification` derives that the module observed. Here one module is played, with the rule, the seed
-and the hesitation of either run, to find what made it choose otherwise.
+`auditing` does this for all modules: an actor with the random streams of the seed receives the
+observation that `verification` derives. Here one module is played, with the rule, the seed and the
+hesitation of either run, to find what made it choose otherwise.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, decode
 
 DRAWS_MAX = 1024
-"""Of more numbers that a rule draws in one choice none are told."""
+"""If a rule draws more numbers than this in one choice, none are reported."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class RuleSource:
     begins: int = 1
     """The round in which the rule began, with no memory."""
     heard: bool = False
-    """Whether what the module noted before is still said in that round."""
+    """Whether the module's earlier note is still sent in that round."""
 
     def exchanged(self, name: str, other: RuleSource) -> RuleSource:
         """Return this way with one thing of another: "rule", "seed" or "hesitate".
@@ -132,7 +132,7 @@ class ReplayedChoice:
 
     action: tuple[str, Site] | None
     note: tuple[int, ...] | None
-    """The last note that it said, in this choice or before."""
+    """The last note that it sent, in this choice or before."""
     failed: str | None
     drew: tuple[float, ...] | None
     doubt: float | None
@@ -152,7 +152,7 @@ class RuleReplayer:
         clock: str,
         said: tuple[int, ...] | None = None,
     ) -> None:
-        """Make the rule; `said` is the note that the module said last, before the rule began."""
+        """Make the rule; `said` is the module's last note before the rule began."""
         self.why: str | None = None
         self.length = 0
         self._scene = scene
@@ -230,8 +230,8 @@ class RuleReplayer:
 def _drawn(before: RandomStream, after: RandomStream) -> tuple[float, ...] | None:
     """Return the numbers that were drawn since a stream was copied, as fractions.
 
-    First those of the stream itself, then those of its numpy generator, which are told only if they
-    are at most `DRAWS_MAX`.
+    First those of the stream itself, then those of its numpy generator, which are reported only if
+    they are at most `DRAWS_MAX`.
     """
     count = after.drawn - before.drawn
     if count > DRAWS_MAX:
@@ -262,7 +262,7 @@ def _drawn_by_numpy(
 
 
 class ChoiceOnRecord(NamedTuple):
-    """What a module chose, as it is on record; of the note it is not always known."""
+    """What a module chose, as it is recorded; of the note it is not always known."""
 
     action: tuple[str, Site | None] | None
     failed: str | None

@@ -1,8 +1,8 @@
-"""Why a module chose otherwise, and why a claim was granted in one run alone.
+"""Why a module chose otherwise, and why a claim was granted in only one of the runs.
 
-A cause is not guessed: the rule is asked again with one thing exchanged at a time, and what then
-makes it choose as in the other run is the cause. Where a rule cannot be asked, what differs is
-told, and what it did is not.
+A cause is not guessed: the rule is asked again with one thing exchanged at a time, and whatever
+then makes it choose as in the other run is the cause. Where a rule cannot be asked, the report says
+what differs, and not what that caused.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from cubepath.coordinator.tools.comparison.told import (
     OutcomeDifference,
 )
 from cubepath.coordinator.verification.rounds import rank
-from cubepath.coordinator.verification.transcript import RecordedRound, site_in
+from cubepath.coordinator.verification.transcript import RecordedRound
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -59,8 +59,9 @@ def explain_choice(
 ) -> ChoiceDifference:
     """Explain a choice of a module in a round that differs, by reading both runs up to it.
 
-    `open_again` opens a run anew; `own` are the rules of their own that processes named for the
-    module, and `since` tells of modules that stood elsewhere by then since which round they did.
+    `open_again` opens a run anew; `own` are the their own rules that processes named for the
+    module, and `since` has, for modules that stood elsewhere by then, the round since which they
+    did.
     """
     readings = open_again(0), open_again(1)
     one, two = (
@@ -129,7 +130,7 @@ def _causes(
             refused = trail.refused[0] if trail.refused else None
             if played[side] is None:
                 lines.append(f"{NAMES[side]}: what it drew is not known: {refused or 'not asked'}")
-        # A cause is told only where nothing else can be it.
+        # A cause is reported only if nothing else can be it.
         firsts = [next(iter(trail.inputs)) for trail in trails]
         if any(first > way.begins for first, way in zip(firsts, ways, strict=True)):
             everything.append("memory")
@@ -302,7 +303,7 @@ def _claims(said: RecordedRound, system: System) -> _Claims:
     for (kind, module), message in said.said.items():
         if kind != "claim" or not isinstance(message, Claim):
             continue
-        at: Any = site_in(message.at)  # what is none is none of the system
+        at: Any = message.at  # what is none is none of the system
         try:
             action = system.action(message.generator, at)
         except (InputError, TypeError, ValueError, IndexError):

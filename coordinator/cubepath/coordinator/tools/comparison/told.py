@@ -1,4 +1,4 @@
-"""What comparing two runs finds, as data and for people.
+"""The results of comparing two runs, as data and for people.
 
 Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """
@@ -13,7 +13,6 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.coordinator.verification.parameters import stages_of
-from cubepath.protocol.core.catalogue import Json
 from cubepath.protocol.core.formatting import counted, visible
 
 Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "record", "unknown"]
@@ -21,7 +20,7 @@ Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "re
 
 Where both rules could be asked again, ``rule``, ``seed``, ``hesitate`` or ``inputs`` is what makes
 the module of `a` choose as that of `b` did, when it alone is exchanged; ``together`` if only all
-that differs does. ``record``: a choice on record is not what the installed rule chooses.
+that differs does. ``record``: a choice in the recording is not what the installed rule chooses.
 ``unknown``: nothing that is known tells why.
 """
 
@@ -45,22 +44,22 @@ class MessageDifference:
     round: int
     kind: str
     module: int | None
-    a: dict[str, Json] | None
-    b: dict[str, Json] | None
+    a: dict[str, Any] | None
+    b: dict[str, Any] | None
     fields: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ChoiceContext:
-    """What a module sensed, was told, drew and chose in one of the runs.
+    """What a module sensed, received, drew and chose in one of the runs.
 
     `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
-    (outside the workspace) or ``filled`` (an obstacle); `told` is what modules within reach said in
-    their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
-    bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
-    hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
-    rule chooses. `versions`, without rounds, are those of what it was shown, and `level` is
-    that of the commit, None if that has no move.
+    (outside the workspace) or ``filled`` (an obstacle); `told` has the notes of modules within
+    reach. `drew` are the numbers that its rule drew from its random stream in this choice, 64 bits
+    each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it hesitates.
+    Both are None if the rule could not be asked again. `by_rule` is what the installed rule
+    chooses. `versions`, without rounds, are those of what it was shown, and `level` is that of the
+    commit, None if that has no move.
     """
 
     site: str
@@ -163,7 +162,7 @@ class RunComparison:
     clock: str
     """"lockstep", "free", or "moves" if only the moves can be compared."""
     same: bool
-    """Whether nothing differs that modules said and did, and nothing is missing in one alone or
+    """Whether nothing differs that modules sent and did, and nothing is missing in one alone or
     between rounds that were compared."""
     identical: bool
     """Whether both files have the same bytes."""
@@ -185,7 +184,7 @@ class RunComparison:
     rounds: tuple[tuple[int, int, int, int], ...] = ()
     """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
     beginning: str | None = None
-    """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
+    """The run, "a" or "b", that is the beginning of the other: that continues where it ends."""
     limited: bool = False
     """Whether this is a part of the runs: rounds were asked for, or both begin later, or the end of
     one is not on record."""
@@ -212,10 +211,10 @@ _COLUMN = 38
 _NAME = 15
 """The width of the names."""
 _ROUNDS_MAX = 8
-"""So many rounds with other moves are shown."""
+"""This many rounds with other moves are shown."""
 _LINE = 100
 _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
-"""Parameters that are told by so many characters."""
+"""The number of characters of a parameter that are shown."""
 
 
 def told(found: RunComparison) -> str:
@@ -233,7 +232,7 @@ def told(found: RunComparison) -> str:
     if found.ends is not None:
         lines += _line("ended", f"{found.ends[0]} in a, {found.ends[1]} in b")
     outcome, choice = found.outcome, found.choice
-    # What comes of claims after the first other choice is no news.
+    # The results of claims after the first other choice are no news.
     if outcome is not None and (choice is None or outcome.round < choice.round):
         lines += ["", *_outcome(outcome)]
     if choice is not None:
@@ -475,7 +474,7 @@ def _equal(difference: str | None, word: str) -> str:
     return word if difference is None else f"not {word}: {difference}"
 
 
-def message_text(kind: str, fields: dict[str, Json] | None) -> str:
+def message_text(kind: str, fields: dict[str, Any] | None) -> str:
     """Return a message in one line, empty if there is none."""
     if fields is None:
         return ""
@@ -488,6 +487,6 @@ def message_text(kind: str, fields: dict[str, Json] | None) -> str:
     return f"{kind}{who}: {' '.join(inside)}"
 
 
-def field_text(value: Json) -> str:
+def field_text(value: Any) -> str:
     """Return the value of a field as JSON."""
     return msgspec.json.encode(value).decode()

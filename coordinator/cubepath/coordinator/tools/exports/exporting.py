@@ -1,9 +1,9 @@
-"""Exporting a recording: which form a file has, and the tables, some rows at a time.
+"""Exporting a recording: the form of the output file, and the tables, some rows at a time.
 
-What a row is, `Recording.moves` and `Recording.claims` say: here these are asked for the rounds
-that are complete, over and over, so that memory does not grow with the recording. Without rounds a
-commit may be told again at the very end, so there moves and claims are taken at once. Sites are
-JSON in CSV and Parquet, `[0,1]`, and lists in JSON.
+`Recording.moves` and `Recording.claims` define the rows. They are read repeatedly for the rounds
+that are complete, so memory does not grow with the recording. Without rounds a commit may be
+repeated at the very end, so moves and claims are read in one go. Sites are JSON in CSV and Parquet,
+`[0,1]`, and lists in JSON.
 """
 
 from __future__ import annotations
@@ -216,7 +216,7 @@ def _rounds(recording: Recording) -> Iterator[Rows]:
         some = replace(recording, records=records)
         moves = some.moves()
         for number, wall_ns in zip(moves["round"].tolist(), moves["wall_ns"].tolist(), strict=True):
-            # Without rounds a commit may be told when a higher level was reached already.
+            # Without rounds a commit may be reported after a higher level was reached.
             found.setdefault(number, [0, 0, 0, 0, 0, wall_ns, wall_ns])[2] += 1
         claims = some.claims()
         for number, outcome in zip(claims["round"].tolist(), claims["outcome"], strict=True):

@@ -1,9 +1,9 @@
 """Files for viewers: messages of Foxglove or entities of rerun, with log times that they can show.
 
-The libraries are extras, and are imported when something is written. Each message of Foxglove holds
-all modules, so that a viewer that jumps to any time shows them all: viewers take the last message
-of a topic before that time, and no other. A file for viewers is no recording, and no command reads
-it; its log times are rounds that last some time, or the wall clock.
+The libraries are extras, and are imported when something is written. Each message for Foxglove
+holds all modules, because viewers show the last message of a topic before the chosen time and no
+other. A file for viewers is no recording, and no command reads it; its log times are rounds that
+last some time, or the wall clock.
 """
 
 from __future__ import annotations

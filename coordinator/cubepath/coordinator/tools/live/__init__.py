@@ -1,4 +1,4 @@
-"""A run as a page that is fed while it goes on, by a small HTTP server on this machine alone.
+"""A run as a page that is fed while the run is under way, by a small HTTP server on this machine.
 
 It imports `viewing` for the page, `runs` for the runs that are watched, and `normal_form`.
 """

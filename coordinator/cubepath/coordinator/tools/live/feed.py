@@ -46,7 +46,7 @@ from cubepath.coordinator.tools.viewing.run_view import (
 )
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -61,7 +61,7 @@ from cubepath.protocol.wire.messages import Claim, Message, Report
 HEARD = ("claim", "report", "attempt", "forwarded", "decision", "commit", "commits")
 """The kinds of messages, and of their parts, that are of use here."""
 _KEPT = 64
-"""A step can be told again until so many others have followed."""
+"""A step can be sent again until this many others have followed."""
 _NO_SITE = (CubepathError, TypeError, ValueError, LookupError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
 _Key: TypeAlias = tuple[int, ...]
@@ -73,7 +73,7 @@ class ClaimListener:
     """The claims and deliveries of a run, by the steps of a page, which count from 1."""
 
     def __init__(self, world: NumberedWorld, *, free: bool, before: int = 0) -> None:
-        """Begin with nothing heard; so many rounds lie before the first step of the page."""
+        """Begin with nothing heard; this many rounds lie before the first step of the page."""
         self._world = world
         self._count = len(world.scene.start)
         self._free = free
@@ -118,7 +118,7 @@ class ClaimListener:
                 pass
 
     def _attempt(self, attempt: Attempt) -> None:
-        # It is said before anybody can know its level: that is above all that it may have seen.
+        # It is sent before anybody can know its level: that is above all that it may have seen.
         if attempt.generator is not None:
             self._claim((attempt.module, attempt.epoch, attempt.number), self._top + 1, attempt)
 
@@ -134,7 +134,7 @@ class ClaimListener:
         self._came((moved.module, moved.epoch, moved.number), "granted")
 
     def told(self, steps: int) -> dict[str, Any] | None:
-        """Return what is new of the first so many steps; None if nothing is.
+        """Return what is new of the first this many steps; None if nothing is.
 
         Each list of ``claims`` and of ``heard`` is that of a whole step, three numbers for each
         entry. With more deliveries than a page holds there are none, and ``left_out`` has their
@@ -177,7 +177,7 @@ class ClaimListener:
         if step < 1 or said.module >= self._count or key in self._step_of:
             return
         try:
-            at, site = site_from_json(said.at), site_from_json(said.site)
+            at, site = said.at, said.site
             self._world.scene.system.move_named(site, str(said.generator), at)
         except _NO_SITE:
             return
@@ -214,10 +214,10 @@ _FRAME = ("box", "behind", "before", "goal")
 
 
 class GrowingWorld:
-    """A world, the state that its path has led to, and what was told of it."""
+    """A world, the state that its path has led to, and what was sent of it."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin at the start, of which nothing was told."""
+        """Begin at the start, of which nothing was sent."""
         self.world = NumberedWorld(scene)
         self._state = set(scene.start_state)
         self._told: dict[str, Any] = {}
@@ -302,7 +302,7 @@ Steps = Sequence[tuple[Action, ...]]
 SAID_MAX = 1_000_000
 _EVENT_S = 0.05
 _SHARE = 10
-"""At least so many times as long as it took to make something, nothing is made again."""
+"""At least this many times as long as it took to make something, nothing is made again."""
 
 
 @dataclass(slots=True)
@@ -329,7 +329,7 @@ class Feed:
         facts: Sequence[tuple[str, str]] = (),
         before: int = 0,
     ) -> None:
-        """Begin at the start of the scene, where so many rounds lay before it already."""
+        """Begin at the start of the scene, where this many rounds lay before it already."""
         self._world = GrowingWorld(scene)
         self._hearing = ClaimListener(self._world.world, free=step_name == "level", before=before)
         space = self._space = plugin("state_space")(scene)
@@ -372,7 +372,7 @@ class Feed:
             self._news.notify_all()
 
     def hear(self, message: Words) -> None:
-        """Hand over what a module has said; it is told with the step that it belongs to.
+        """Hand over what a module has sent; it is sent with the step that it belongs to.
 
         Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
         """
@@ -407,9 +407,9 @@ class Feed:
     # For who watches.
 
     def next(self, place: FeedPosition, timeout_s: float) -> list[bytes] | None:
-        """Return what is new since a place, which goes on; None if there will be no more.
+        """Return what is new since a place, which continues; None if there will be no more.
 
-        Waits so many seconds at most, and returns nothing then.
+        Waits this many seconds at most, and returns nothing then.
         """
         with self._news:
             self._news.wait_for(lambda: self._closed or self._is_new(place), timeout_s)
@@ -542,7 +542,7 @@ class Feed:
 
 
 def _joined(given: Sequence[tuple[int, Steps]]) -> list[tuple[int, Steps]]:
-    """Return the same steps with those in one that follow each other: the world is told once."""
+    """Return the same steps with those in one that follow each other: the world is sent once."""
     found: list[tuple[int, list[tuple[Action, ...]]]] = []
     for place, steps in given:
         if found and place == found[-1][0] + len(found[-1][1]):

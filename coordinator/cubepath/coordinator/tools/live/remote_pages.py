@@ -1,8 +1,7 @@
-"""A run elsewhere as a page: what it tells whoever may listen, step by step.
+"""A run elsewhere as a page: what the run sends to its guests, step by step.
 
-Who watches is a guest of the run's router; the run is not touched.
-
-The levels of a run without rounds, from moves in any order that they allow.
+The viewer is a guest of the run's router; the run is not touched. The moves of a run without rounds
+may arrive in any order that they allow; their levels are computed here.
 """
 
 from __future__ import annotations
@@ -105,11 +104,11 @@ _SAID_FREE = ("requests", "forwards", "replies", "commit", "commits")
 _ASK_S = 0.1
 _ASKED_S_MAX = 2.0
 _SHARE = 10
-"""At least so many times as long as asking took, nothing is asked again."""
+"""At least this many times as long as asking took, nothing is asked again."""
 _QUIET_S = 1.0
-"""A run whose token has gone, and of which nothing more comes for so long, has ended."""
+"""A run whose token has gone, and from which nothing arrives for this long, has ended."""
 _WAITING_MAX = 100_000
-"""So many steps wait at most to be looked at; who falls behind more has missed some."""
+"""At most this many steps wait to be looked at; who falls behind more has missed some."""
 
 
 class RemoteRunPage:
@@ -126,7 +125,7 @@ class RemoteRunPage:
     ) -> None:
         """Attach to the run, and serve the page; the errors are those of `watch_run`."""
         self.ended: str | None = None
-        """How the run has ended, or why it is watched no more; None while it goes on."""
+        """How the run has ended, or why it is watched no more; None while it continues."""
         self.error: str | None = None
         """What went wrong, in a line, if anything did."""
         self.run: str
@@ -139,7 +138,7 @@ class RemoteRunPage:
         """How many rounds were over before: the page has none of these."""
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
         self._said: deque[Words] = deque()
-        """What is said before there is a feed, which bounds and counts what waits."""
+        """Messages from before there is a feed, which bounds and counts what waits."""
         self._take_words: Callable[[Words], None] = self._said.append
         self._known = 0  # moves of a run without rounds that were told
         self._again_s = 0.0

@@ -1,8 +1,8 @@
-"""A small HTTP server on this machine alone, for the page of one run.
+"""A small HTTP server for the page of one run, on this machine only.
 
-A client that knows the token in its address may watch, and tell the run to pause. Requests that
-name another host, or that another site's page makes, are refused: a name that is made to point
-here, and a page that guesses, reach nothing of a run.
+A client that knows the token in its address may watch the run and pause it. Requests that name
+another host, or come from another site's page, are refused: neither a host name that points here
+nor a page that guesses can reach a run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
 CLIENTS_MAX = 32
-"""So many connections at one time; those that come then are told to come again."""
+"""The most connections at one time; later ones are told to try again."""
 BODY_MAX = 1024
 """Bytes of an order; http.server bounds the rest of a request."""
 ASKING_S_MAX = 10.0
@@ -69,7 +69,7 @@ class Server(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Return where the page is: whoever has this may watch."""
+        """Return where the page is: a client that has this may watch."""
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
     @property
@@ -79,7 +79,7 @@ class Server(ThreadingHTTPServer):
             return len(self._clients)
 
     def leave(self, wait_s: float = _LEAVE_S) -> None:
-        """End, once those who watch have been told all, or after so many seconds at most."""
+        """End, once all viewers have received everything, or after this many seconds at most."""
         until = time.monotonic() + wait_s
         while self.clients and time.monotonic() < until:
             time.sleep(_LOOK_S)
@@ -108,7 +108,7 @@ class Server(ThreadingHTTPServer):
         self.server_name, self.server_port = HOST, int(self.server_address[1])
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own, unless there are too many."""
+        """Answer in a separate thread, unless there are too many."""
         with self._lock:
             room = len(self._clients) < CLIENTS_MAX
             if room:

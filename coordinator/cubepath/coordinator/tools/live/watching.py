@@ -1,7 +1,7 @@
-"""A run of one's own as a page that is fed while it goes on: paused, by steps, or at a rate.
+"""Your own run as a page that is fed while the run is under way: paused, by steps, or at a rate.
 
-It listens to the run and paces it; it takes no part in it. Orders come in other threads than that
-of the run, which asks between two rounds how long it is to wait yet.
+It listens to the run and paces it, without taking part in it. Orders arrive in other threads than
+that of the run, which asks between two rounds how long it should wait.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 RATE_MAX = 1000.0
 """Rounds a second; without a rate a run takes what it needs."""
 STEPS_MAX = 1000
-"""So many rounds can be asked for at most while a run is paused."""
+"""At most this many rounds can be asked for while a run is paused."""
 _LATE_S = 0.05
 
 
@@ -42,7 +42,7 @@ class RoundPacer:
     """
 
     def __init__(self, *, rate: float | None = None, paused: bool = False) -> None:
-        """Begin paused or not, with so many rounds a second at most, or as many as there can be.
+        """Begin paused or not, with this many rounds a second at most, or as many as there can be.
 
         InputError for a rate of 0 or less, or above `RATE_MAX`.
         """
@@ -72,9 +72,9 @@ class RoundPacer:
         return 0.0
 
     def order(self, order: str, value: object = None) -> None:
-        """Carry out an order: "pause", "resume", "step" by so many rounds, or a "rate" or None.
+        """Carry out an order: "pause", "resume", "step" by this many rounds, or a "rate" or None.
 
-        A step pauses a run that goes on. InputError for others, and for values that none can be.
+        A step pauses a run that continues. InputError for others, and for values that none can be.
         """
         rate = _checked(value) if order == "rate" else None
         steps = 0
@@ -119,7 +119,7 @@ _SHARE = 10
 class LivePage:
     """A page of a run, as a context manager that serves it, and leaves nothing running.
 
-    A run with rounds can be paused and stepped from the page: whoever goes on with the run, by
+    A run with rounds can be paused and stepped from the page: the thread that advances the run, by
     `step`, `until`, `play` or `run`, then waits before the next round.
 
     >>> with start("hex:n=4", processes=1, log="logs/live.mcap") as run, LivePage(run) as page:
@@ -134,8 +134,8 @@ class LivePage:
     ) -> None:
         """Prepare the page, and serve nothing yet.
 
-        Port 0 is any that is free. A run goes on at `rate` rounds a second at most; `paused`, it
-        waits until the page lets it go on. InputError if there are no rounds to pace, or a value
+        Port 0 is any that is free. A run continues at `rate` rounds a second at most; `paused`, it
+        waits until the page lets it continue. InputError if there are no rounds to pace, or a value
         cannot be.
         """
         free = run.plan.is_free

@@ -1,5 +1,5 @@
-"""Recording a run from outside: attach to it where it can be listened to, and leave.
+"""Recording a run from outside: attach where it can be listened to, record, and leave.
 
-It imports `runs` for what a run says of itself; it starts no run and decides nothing for one. It
-may do what a guest may: listen.
+It imports `runs` for what a run says about itself; it starts no run and decides nothing for one.
+Like any guest, it may only listen.
 """

@@ -1,11 +1,11 @@
-"""What was received of a run and waits to be written, and which messages did not come.
+"""Messages received and waiting to be written, and which messages never arrived.
 
-A queue of zenoh's is filled without Python, whose threads would otherwise take turns at every
-message; a sender that fills it waits, so publishers that block are held up by the link.
+Zenoh fills the queue without Python, whose threads would otherwise take turns at every message. A
+sender that fills it waits, so the link holds up publishers that block.
 
 With rounds, a process says with `ready` how many messages it has sent to each region; without
-rounds, senders number their messages. A publisher that adds a `SourceInfo` of zenoh numbers its
-messages as well. What comes late after all is no longer missing.
+rounds, senders number their messages. A publisher that adds zenoh's `SourceInfo` numbers its
+messages as well. A message that arrives late is no longer missing.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ class ReceivedMessage(NamedTuple):
 
 
 class Backlog:
-    """What came on a key expression and was not taken yet, of so many bytes at most."""
+    """What came on a key expression and was not taken yet, of this many bytes at most."""
 
     def __init__(self, session: zenoh.Session, key: str, bytes_max: int) -> None:
         """Listen from now on."""
         self.most = max(_QUEUE_MIN, min(bytes_max // _QUEUED_BYTES, _QUEUE_MAX))
-        """So many messages wait at most."""
+        """At most this many messages wait."""
         queue: Any = zenoh.handlers.FifoChannel(self.most)
         self._subscriber = session.declare_subscriber(key, queue)
 
     def take(self, seconds: float) -> Iterator[ReceivedMessage]:
-        """Yield what waits, for so long at most; wait a moment if there is nothing."""
+        """Yield what waits, for at most this long; wait a moment if there is nothing."""
         take = self._subscriber.try_recv
         until = time.monotonic() + seconds
         found = take()
@@ -107,7 +107,7 @@ class RecordedMessage(NamedTuple):
 
 
 class RecentMessages:
-    """What came in the last seconds, and takes no more than so many bytes."""
+    """What came in the last seconds, and takes no more than this many bytes."""
 
     def __init__(self, seconds: float, bytes_max: int) -> None:
         """Begin empty."""
@@ -141,7 +141,7 @@ class RecentMessages:
 
 
 _MISSING_MAX = 100_000
-"""So many missing numbers of a sender are remembered; more are counted, and never come."""
+"""This many missing numbers of a sender are remembered; more are counted, and never come."""
 _PHASES_MAX = 64
 
 
@@ -205,7 +205,7 @@ class LossCounter:
         self._first_round: int | None = None
 
     def take(self, topic: str, heard: ReceivedMessage) -> Head | None:
-        """Take note of a message; return what was read of it, None if it is malformed."""
+        """Note a message; return what was read of it, None if it is malformed."""
         if heard.source is not None:
             who, number = heard.source
             known = self._sources.get(who)

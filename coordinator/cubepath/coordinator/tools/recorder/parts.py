@@ -1,6 +1,6 @@
 """Which messages of a run are recorded, under which topic KIND/SENDER, and in which files.
 
-Each file of several is a recording by itself, closed before the next is begun.
+Each of several files is a complete recording, closed before the next begins.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from cubepath.protocol.wire.messages import KINDS
 
 _KINDS = {*KINDS, *FREE_KINDS}
 _SAID_TO = "to"
-"""The first part of the keys of what is said to regions; the messages are of the kind `said`."""
+"""The first part of the keys of messages to regions; the messages are of the kind `bundle`."""
 _COORDINATOR = "coordinator"
 
 
 def topic_in(key: str) -> str | None:
     """Return the topic of what is put on a key; None if no message of a run is put there.
 
-    What the coordinator puts for one process alone repeats what it has told all.
+    What the coordinator puts for one process alone repeats what it has sent to all.
 
     >>> topic_in("cubepath/0123456789ab/to/0,1/process_3")
     'bundle/process_3'

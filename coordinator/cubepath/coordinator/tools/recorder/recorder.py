@@ -1,8 +1,8 @@
-"""A run recorded from outside, by a guest at the place where the run can be listened to.
+"""A run recorded from outside, by a guest of the router.
 
-Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not touched: a
-router waits for a guest that does not read for a second, and then cuts it off. It comes back by
-itself, and what it missed is counted.
+Zenoh fills a bounded backlog, and a thread of the recorder empties it. The run is not affected: a
+router waits up to a second for a guest that does not read, and then cuts it off. The guest
+reconnects by itself, and what it missed is counted.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ def guest_at(endpoint: str, secure: Path | str | None) -> Credentials:
 MEMORY_BYTES = 100 << 20
 _STEP_S = 0.05
 _LAST_S = 5.0
-"""So long what still waits is written when a recorder leaves."""
+"""How long waiting messages are written when a recorder leaves."""
 _QUIET_S = 0.3
-"""A run whose token has gone has ended when nothing more has come for so long."""
+"""A run whose token has gone has ended when nothing has arrived for this long."""
 _BACK_S = 10.0
 """Within this time sessions find a router that was started again."""
 _MEGABYTE = 1_000_000
@@ -76,7 +76,7 @@ _MEGABYTE = 1_000_000
 class Recorder:
     """A recorder of a live run, as a context manager that leaves with its files closed.
 
-    A file that cannot be written ends the recorder, and is told when the block is left.
+    A file that cannot be written ends the recorder, and the error is raised when the block is left.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Recorder:
         self._begins = False
         """Whether nothing was written since."""
         self._summed_up = False
-        """Whether the run has told how it ended."""
+        """Whether the run has published how it ended."""
         self._leaving = threading.Event()
         self._over = threading.Event()
         self._lock = threading.Lock()
@@ -132,7 +132,7 @@ class Recorder:
             self._router_lost_s: float | None = None
             self._listen()
             # The router knows who listens before it answers what was asked after that: from the
-            # round on that is told now nothing is missed.
+            # round that is returned on, nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
             self._times = MessageTimes(about)
             free = about.format == FREE_FORMAT
@@ -200,7 +200,7 @@ class Recorder:
                 self._taken.notify_all()
 
     def _hear(self, heard: Iterable[ReceivedMessage]) -> None:
-        """Take note of what came, and write what is next in order."""
+        """Note what came, and write what is next in order."""
         each = None
         for each in heard:
             topic, wanted = self._topics.of(each.key)
@@ -247,7 +247,7 @@ class Recorder:
         self._begins = False
 
     def _end(self) -> str | None:
-        """Return why the recorder has to end, None if it goes on."""
+        """Return why the recorder has to end, None if it continues."""
         if self._leaving.is_set():
             return "stopped"
         now = time.monotonic()
@@ -316,7 +316,7 @@ class Recorder:
             "left_out": str(self.left_out),
         }
 
-    # For whoever records.
+    # For the recorder.
 
     @property
     def logs(self) -> list[Path]:
@@ -345,7 +345,7 @@ class Recorder:
         return self._backlog.most
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until the run ends, or for so long; return whether the recorder has ended."""
+        """Wait until the run ends, or for this long; return whether the recorder has ended."""
         return self._over.wait(timeout_s)
 
     def snapshot(self) -> Path:
@@ -409,12 +409,12 @@ def record(
 ) -> Recorder:
     """Attach to a live run and record it from outside, as ``cubepath log record --connect`` does.
 
-    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
-    are several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
+    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there are
+    several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
     `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
     `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
-    written but the last seconds, when `Recorder.snapshot` asks for them. So many megabytes wait to
-    be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
+    written but the last seconds, when `Recorder.snapshot` asks for them. This many megabytes wait
+    to be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
 
     InputError for bad options, CheckError if no run answers within `patience_s` seconds,
     CubepathError if there is no router at the endpoint.

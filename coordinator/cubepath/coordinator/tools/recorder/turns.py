@@ -1,13 +1,11 @@
-"""What was heard of a run with rounds, in an order in which the coordinator can have heard it.
+"""Messages heard of a run with rounds, in an order in which the coordinator can have heard them.
 
-A router keeps the order of each who speaks, not that between them: what a process has answered may
-come after what the coordinator says next because of it, or before what the process was asked. Then
-one waits for the other, for a short while. Touches no network.
+A router keeps the order of each sender, but not the order between senders: the answer of a process
+may arrive after the coordinator's next message, or before the question. Then one waits for the
+other, for a short while. This module uses no network.
 
-The log times of messages that were heard, and which of them came before.
-
-Log times are those of the run's own recording: the round, the greatest level so far, or the wall
-clock.
+It also gives messages their log times, which are those of the run's own recording: the round, the
+greatest level so far, or the wall clock.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ class MessageTimes:
         return self._now, self._now if first else 1 if joins else self._now + 1, first
 
     def is_repeated(self, topic: str, data: bytes) -> bool:
-        """Return whether a process or a keeper has said just this before.
+        """Return whether a process or a keeper has sent exactly this before.
 
         It does so when others have missed it; the run's own recording has it once.
         """
@@ -76,7 +74,7 @@ def _level(data: bytes) -> int:
 
 
 _HELD_S = 1.0
-"""So long something waits at most: what it waits for may be lost."""
+"""How long a message waits at most: what it waits for may be lost."""
 _HELD_MAX = 1 << 14
 _RANKS = {"join": 0, "sense": 1, "observe": 2, "claim": 3, "settle": 4, "over": 5}
 _TOLD_IN = {
@@ -110,7 +108,7 @@ class MessageOrder:
         from_start: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin before the first `go` of a run of so many processes, or anywhere in a run.
+        """Begin before the first `go` of a run of this many processes, or anywhere in a run.
 
         In the middle of a run messages pass as they come until a phase begins. Those of a run
         without rounds (None) tell by versions what they follow from, and pass.

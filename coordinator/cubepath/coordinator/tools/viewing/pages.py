@@ -1,9 +1,9 @@
-"""One page of HTML that shows runs: it opens from disk, and asks no network for anything.
+"""One HTML page that shows runs: it opens from disk and loads nothing from a network.
 
-The parts of the page lie beside this module, in `page/`. Its document is JSON whose arrays of
-numbers stand aside: in their place is ``{"array": type, "at": bytes, "length": numbers}``, and what
-they hold lies behind the JSON, little-endian. All of it is deflated and written in base64, which
-has no character with a meaning in HTML: no name in a file of a user can end the element.
+The parts of the page lie next to this module, in `page/`. Its document is JSON whose arrays of
+numbers are stored separately: in their place is ``{"array": type, "at": bytes, "length":
+numbers}``, and their contents follow the JSON, little-endian. All of it is deflated and written in
+base64, which has no character with a meaning in HTML: no name in a user's file can end the element.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def run_page(
 def page_text(document: dict[str, Any], *, live: bool = False) -> str:
     """Return the page of a document.
 
-    A `live` one is fed by whoever serves it, who also says what it may do: the policy in its head
+    A `live` one is fed by its server, which also says what the page may do: the policy in its head
     is one for the page that a reader saves.
     """
     parts = files("cubepath.coordinator.tools.viewing") / "page"

@@ -280,11 +280,11 @@ def delivery_entries(report: Report, kinds: dict[str, int]) -> Iterable[Entry]:
 
 
 def claims_document(world: NumberedWorld, recording: Recording, steps: int) -> dict[str, Any]:
-    """Return the claims of a run, step by step: who claimed which row, and what came of it.
+    """Return the claims of a run, step by step: which module claimed which row, and the result.
 
     ``ends`` has the number of claims up to the end of each step; ``won`` is 1 for a claim that was
-    granted, 0 for one that was lost, and 2 where that is not on record. A claim of a run without
-    rounds stands one level above the greatest that was on record when it was said.
+    granted, 0 for one that was lost, and 2 where that is not recorded. A claim of a run without
+    rounds stands one level above the greatest that was recorded when it was sent.
     """
     found = recording.claims()
     rounds = _levels(recording, found) if recording.clock == "free" else found["round"]

@@ -175,7 +175,7 @@ def random_points(count: int, seed: int) -> tuple[Point, ...]:
 def _triangulation(name: str, values: Values) -> Scene:
     """Build a point set with a triangulation at the start and another as the goal.
 
-    The points, a random triangulation and the walk to the goal each have a stream of their own.
+    The points, a random triangulation and the walk to the goal each have their own stream.
     """
     seed = whole(values, "seed", least=0)
     if values["points"]:
