@@ -14,7 +14,7 @@ from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import Row
-from cubepath.coordinator.experiments.setting import RunBatch
+from cubepath.coordinator.experiments.setting import Core, RunBatch
 from cubepath.coordinator.experiments.spec import Sweep, expand
 from cubepath.coordinator.experiments.sweeping import sweep
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -30,7 +30,7 @@ MINE = replace(RANDOM, name="mine", make=make, vectorised=None)
 RANDOM, STAYING = "return RANDOM.make(known)", "return lambda view: 0"
 
 
-def asked(folder: Path, made: str, size: int, core: str = "compiled") -> RunBatch:
+def asked(folder: Path, made: str, size: int, core: Core = "compiled") -> RunBatch:
     """Return a run of a rule in a scene, both in files that have just been written."""
     rule, scene = folder / "mine.py", folder / "scene.toml"
     rule.write_text(RULE.format(made=made))

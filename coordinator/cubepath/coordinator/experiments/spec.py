@@ -28,7 +28,6 @@ from cubepath.coordinator.experiments.setting import (
     DELAY_MS_MAX,
     SLOW_FACTOR_MAX,
     Clock,
-    Core,
     FaultRates,
     RunBatch,
     RunSetting,
@@ -88,7 +87,7 @@ class Sweep(SweepOptions):
         _check_names("clocks", self.clocks, CLOCKS)
         for key in ("clocks", "hesitate", "faults"):
             if not getattr(self, key):
-                raise OptionError(f"{key}: expected one value or more, found none")
+                raise InputError(f"{key}: expected one value or more, found none")
         for share in self.hesitate:
             if not 0.0 <= share < 1.0:
                 raise OptionError(f"hesitate: {share:g}, expected at least 0 and less than 1")
@@ -113,7 +112,7 @@ def _check_names(key: str, given: Iterable[str], known: Sequence[str]) -> None:
     for name in given:
         if name not in known:
             near = did_you_mean(name, known)
-            raise OptionError(f"{key}: unknown {name!r}{near}, expected one of {', '.join(known)}")
+            raise InputError(f"{key}: unknown {name!r}{near}, expected one of {', '.join(known)}")
 
 
 def _check_rates(rates: FaultRates) -> None:
@@ -281,7 +280,7 @@ def _of_scene(
             clock=cast("Clock", clock),
             hesitate=float(hesitate),
             faults=rates.normal,
-            core=cast("Core", core),
+            core=core,
             max_rounds=sweep.max_rounds,
             processes=0 if alone else min(sweep.processes, len(scene.start)),
             keepers=0 if alone or clock != "free" else sweep.keepers,

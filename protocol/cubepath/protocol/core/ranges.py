@@ -88,11 +88,18 @@ def seeds_of(text: str, key: str = "seeds") -> tuple[int, ...]:
         return tuple(range(int(text)))
     found: list[int] = []
     for part in parts if parts[-1] else parts[:-1]:
-        for value in values(part, key):
+        for value in _values(part, key):
             if not _WHOLE.fullmatch(value):
                 raise OptionError(wrong)
             found.append(int(value))
     return checked_seeds(found, key)
+
+
+def _values(text: str, key: str) -> list[str]:
+    try:
+        return values(text, key)
+    except InputError as error:
+        raise OptionError(str(error)) from None
 
 
 def checked_seeds(found: list[int], key: str = "seeds") -> tuple[int, ...]:
