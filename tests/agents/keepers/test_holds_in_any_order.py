@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.protocol.core.sites import Site, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     HOLD_TICKS_MAX,
@@ -88,7 +88,7 @@ class Any3:
 
     def hold(self, module: int, keeper: int, places: Sequence[Site], ticks: int) -> None:
         number = len(self.holds[module]) + 1
-        asked = Hold(module, self.epoch[module], number, [*map(to_json, places)], ticks)
+        asked = Hold(module, self.epoch[module], number, list(places), ticks)
         self.holds[module].append(asked)
         self.keepers[keeper].ask(module, asked)
 
@@ -107,14 +107,12 @@ class Any3:
         if not sites:
             return None  # under way between keepers
         (site, *_) = sites
-        name = module, self.epoch[module], self.number[module] + 1, 0, to_json(site)
+        name = module, self.epoch[module], self.number[module] + 1, 0, site
         if note:
             near = sorted({site, *SYSTEM.reach(site)}, key=str)
             other = near[which % len(near)]
             notes = {site: None, other: [which]} if other in on else {site: [which]}
-            listed = [
-                (to_json(at), self.note(at), new) for at, new in sorted(notes.items(), key=str)
-            ]
+            listed = [(at, self.note(at), new) for at, new in sorted(notes.items(), key=str)]
             return Attempt(*name, notes=listed)
         moves = [
             each for each in SYSTEM.moves(site) if each is not None and each.possible(on.keys())
@@ -125,7 +123,7 @@ class Any3:
         near = sorted(each for each in SYSTEM.sensed(site) if each is not None)  # type: ignore[type-var]
         guards = [each for at, each in enumerate(near) if which >> at & 1]
         units = sorted({site, move.target, *guards}, key=str)
-        sensed = [(to_json(unit), to_json(unit) if unit in on else None) for unit in units]
+        sensed = [(unit, unit if unit in on else None) for unit in units]
         return Attempt(*name, move.generator, move.at, sensed)
 
     def shown(self, place: Site) -> int | None:

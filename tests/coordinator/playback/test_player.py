@@ -20,6 +20,7 @@ from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Edges
 from cubepath.protocol.wire.sessions import open_client, subscribe
@@ -81,7 +82,7 @@ def test_steps_and_jumps_are_heard() -> None:
         assert ears.take(2) == [(each.topic, each.data) for each in said[:2]]
         assert player.seek(12).state == "paused"
         ((key, data),) = ears.take(1)
-        position = msgspec.json.decode(data, type=Position)
+        position = msgspec.json.decode(data, type=Position, dec_hook=site_hook)
         assert key == "player/position"
         assert (position.why, position.round, position.after) == ("seek", 12, 11)
         assert position.modules == gatherer.sites
@@ -243,7 +244,7 @@ def test_without_rounds_a_part_is_played_and_not_compared() -> None:
     assert found.result == "not compared: levels 1 to 19, cubes, summary"
     with Player(path, topics=["commit"]) as player, listened(player) as ears:
         assert player.seek(19).round == 19
-        position = msgspec.json.decode(ears.take(1)[0][1], type=Position)
+        position = msgspec.json.decode(ears.take(1)[0][1], type=Position, dec_hook=site_hook)
         assert position.after == 18
         assert len(position.modules) == 5
         player.play()

@@ -144,8 +144,8 @@ def replay_live(
     >>> found.same, found.rounds
     (True, 20)
     >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
-    round 2, module_2: notes of 6 numbers; in the recording no notes it stood at 2; sensed module_1
-    at 1
+    round 2, module_2: notes of 6 numbers; on record no notes
+    it stood at 2; sensed module_1 at 1
 
     Args: recording: of a run with rounds by one rule; of one that was cut off, its whole rounds.
         modules: those that are live, by default all. The others choose as in the recording. rule:

@@ -55,7 +55,7 @@ class Outcome:
     >>> outcome.rounds, len(outcome.path), len(outcome.schedule), outcome.bound.cubes
     (14, 18, 14, 3)
     >>> outcome.steps[0].executed[0]
-    Executed(module=0, generator='pivot-2-right', at=[1, -1])
+    Executed(module=0, generator='pivot-2-right', at=(1, -1))
     """
 
     log: str

@@ -10,7 +10,6 @@ from cubepath.coordinator.tools.live.feed import ClaimListener
 from cubepath.coordinator.tools.live.remote_pages import Levels
 from cubepath.coordinator.tools.viewing.run_view import NumberedWorld
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Attempt, Decision
 from cubepath.protocol.wire.messages import Claim, Report
@@ -27,11 +26,11 @@ MOVES = [
 
 def claim(number: int, *, module: int = 0) -> Claim:
     move = MOVES[0]
-    return Claim(number, module, to_json(SITE), move.generator, to_json(move.at))
+    return Claim(number, module, SITE, move.generator, move.at)
 
 
 def report(number: int, *, won: bool = True, deliveries: int = 1) -> Report:
-    site, heard = to_json(SITE), {"presence": [1] * deliveries}
+    site, heard = SITE, {"presence": [1] * deliveries}
     return Report(number, 0, site, site, "granted" if won else "lost", None, heard)
 
 
@@ -53,7 +52,7 @@ def test_what_cannot_be_is_passed_over() -> None:
     found = ClaimListener(NumberedWorld(SCENE), free=False)
     found.take(claim(1, module=7))
     found.take(Claim(1, 0, "no site", "edge", ()))
-    found.take(Claim(1, 1, to_json(SITE), "no such generator", to_json(SITE)))
+    found.take(Claim(1, 1, SITE, "no such generator", SITE))
     assert (found.told(1) or {"claims": [[1, []]]})["claims"] == [[1, []]]
 
 
@@ -74,7 +73,7 @@ def test_attempts_stand_above_all_that_was_made(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(module, "_KEPT", 2)
     found = ClaimListener(NumberedWorld(SCENE), free=True)
     move = MOVES[0]
-    found.take(Attempt(0, 0, 1, 1, to_json(SITE), move.generator, to_json(move.at)))
+    found.take(Attempt(0, 0, 1, 1, SITE, move.generator, move.at))
     assert (found.told(1) or {})["claims"] == [[1, [0, 0, 2]]]
     found.take(Decision(0, 0, 1, "taken"))
     assert (found.told(9) or {})["claims"] == [[1, [0, 0, 0]]]
@@ -84,7 +83,7 @@ def test_attempts_stand_above_all_that_was_made(monkeypatch: pytest.MonkeyPatch)
 def test_levels_are_told_from_the_first_that_changed() -> None:
     """In the order of recordings, whatever the order of release."""
     levels = Levels(SCENE.system)
-    one, other = (Released(1, each.generator, to_json(each.at)) for each in MOVES[:2])
+    one, other = (Released(1, each.generator, each.at) for each in MOVES[:2])
     levels.add([other])
     assert levels.changed() == (0, [(MOVES[1].action,)])
     assert levels.changed() is None
