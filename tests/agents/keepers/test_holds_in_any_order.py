@@ -112,7 +112,9 @@ class Any3:
             near = sorted({site, *SYSTEM.reach(site)}, key=str)
             other = near[which % len(near)]
             notes = {site: None, other: [which]} if other in on else {site: [which]}
-            listed = [(at, self.note(at), new) for at, new in sorted(notes.items(), key=str)]
+            listed: list[tuple[Site, list[int], list[int] | None]] = [
+                (at, self.note(at), new) for at, new in sorted(notes.items(), key=str)
+            ]
             return Attempt(*name, notes=listed)
         moves = [
             each for each in SYSTEM.moves(site) if each is not None and each.possible(on.keys())
@@ -123,7 +125,9 @@ class Any3:
         near = sorted(each for each in SYSTEM.sensed(site) if each is not None)  # type: ignore[type-var]
         guards = [each for at, each in enumerate(near) if which >> at & 1]
         units = sorted({site, move.target, *guards}, key=str)
-        sensed = [(unit, unit if unit in on else None) for unit in units]
+        sensed: list[tuple[Site, Site | None]] = [
+            (unit, unit if unit in on else None) for unit in units
+        ]
         return Attempt(*name, move.generator, move.at, sensed)
 
     def shown(self, place: Site) -> int | None:

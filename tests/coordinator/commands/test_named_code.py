@@ -163,7 +163,7 @@ COMMANDS = [
     "verify swept/recordings",
     "log export 0.mcap --format moves -o exported.jsonl",
     "log merge halves/branch-000.mcap halves/branch-001.mcap -o merged.mcap",
-    "simulate --system named.toml --seeds 0 --out simulated",
+    "simulate --system named.toml --seeds 1 --out simulated",
 ]
 
 

@@ -14,7 +14,7 @@ from cubepath.agents.rules.registry import forget_rule_files
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import Row
-from cubepath.coordinator.experiments.setting import RunBatch
+from cubepath.coordinator.experiments.setting import Core, RunBatch
 from cubepath.coordinator.experiments.spec import Sweep, expand
 from cubepath.coordinator.experiments.sweeping import sweep
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -30,7 +30,7 @@ MINE = replace(RANDOM, name="mine", make=make, vectorised=None)
 RANDOM, STAYING = "return RANDOM.make(known)", "return lambda view: 0"
 
 
-def asked(folder: Path, made: str, size: int, core: str = "compiled") -> RunBatch:
+def asked(folder: Path, made: str, size: int, core: Core = "compiled") -> RunBatch:
     """Return a run of a rule in a scene, both in files that have just been written."""
     rule, scene = folder / "mine.py", folder / "scene.toml"
     rule.write_text(RULE.format(made=made))
@@ -47,7 +47,7 @@ def played(batch: RunBatch) -> Row:
 
 
 @pytest.mark.parametrize("core", ["compiled", "simulated"])
-def test_a_process_plays_files_as_they_are_now(tmp_path: Path, core: str) -> None:
+def test_a_process_plays_files_as_they_are_now(tmp_path: Path, core: Core) -> None:
     """One that played them before they changed, as a notebook or a worker of a cluster does."""
     before = asked(tmp_path, RANDOM, 3, core)
     first = played(before)
@@ -91,7 +91,7 @@ def test_a_file_that_changes_during_a_run_prevents_it(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("core", ["compiled", "simulated"])
 def test_what_the_machine_has_no_more_of_is_no_error_of_a_run(
-    tmp_path: Path, made: str, ended: str, core: str
+    tmp_path: Path, made: str, ended: str, core: Core
 ) -> None:
     """Space or memory; any other error is one of the rule."""
     assert played(asked(tmp_path, made, 3, core))["ended"] == ended

@@ -113,6 +113,6 @@ def test_a_standard_scene_is_known_by_any_name(spelled: str, tmp_path: Path) -> 
 def test_how_far_to_search_is_a_whole_number(tmp_path: Path) -> None:
     """On the command line and in a file; what is not is refused in a line."""
     (tmp_path / "study.toml").write_text('systems = ["hex:n=3"]\nimprove = -1\n')
-    assert "improve: -1, expected 0 or more" in refused("sweep", f"{tmp_path}/study.toml")
+    assert "improve=-1: expected 0 or more" in refused("sweep", f"{tmp_path}/study.toml")
     out = str(tmp_path / "out")
     assert main(["sweep", "hex:n=3", "--seeds", "1", "--steps", "5", "-o", out]) == 0

@@ -17,13 +17,12 @@ from cubepath.coordinator.experiments.setting import (
     FaultRates,
     RunBatch,
     RunSetting,
-    expanded,
     run_id,
     scene_hash,
-    seeds_of,
 )
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.ranges import expanded, seeds_of
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 
@@ -60,7 +59,7 @@ def test_seeds_that_are_none_are_refused(text: str, why: str) -> None:
 def test_numbers_that_no_column_holds_are_refused(key: str) -> None:
     """Before anything is played."""
     given: Any = {key: [0, 10**23] if key == "seeds" else 10**23}
-    with pytest.raises(InputError, match=f"^{key}: .*expected at most 9{{18}}"):
+    with pytest.raises(InputError, match=f"^{key}[=:].*expected at most 9{{18}}"):
         Sweep(("hex:n=4",), **given)
 
 
@@ -241,12 +240,12 @@ def test_paths_in_a_file_are_beside_it(tmp_path: Path) -> None:
         ({"seeds": True}, "seeds: expected a number"),
         ({"seeds": []}, "seeds: expected one seed or more"),
         ({"seeds": [1, -1]}, "seeds: expected 0 or more, found -1"),
-        ({"core": "fast"}, "core: unknown 'fast'"),
-        ({"max_rounds": 1.5}, "max_rounds: expected a whole number, found 1.5"),
-        ({"timeout_s": 0}, "timeout_s: 0, expected more than 0"),
-        ({"timeout_s": float("nan")}, "timeout_s: nan, expected more than 0"),
-        ({"timeout_s": "1"}, "timeout_s: expected a number, found '1'"),
-        ({"processes": 0}, "processes: 0, expected 1 or more"),
+        ({"core": "fast"}, "core=fast: expected one of"),
+        ({"max_rounds": 1.5}, "max_rounds=1.5: expected a whole number"),
+        ({"timeout_s": 0}, "timeout_s=0: expected more than 0"),
+        ({"timeout_s": float("nan")}, "timeout_s=nan: expected more than 0"),
+        ({"timeout_s": "1"}, "timeout_s='1': expected a number"),
+        ({"processes": 0}, "processes=0: expected 1 or more"),
         ({"faults": {"loss": 2}}, "faults: loss=2, expected 0 to 1"),
         ({"faults": {"losses": 1}}, "cannot read 'losses=1'"),
         ({"faults": {"slow": 0.5, "slow_factor": 0}}, "slow_factor=0, expected 1 to"),

@@ -124,7 +124,7 @@ def test_seeds_come_to_the_tests(tmp_path: Path) -> None:
     """And options that are none end pytest in one line."""
     assert "4 passed" in outcome_of(tmp_path, SEEDS).stdout
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-seeds=x")
-    line = "cubepath-seeds=x: expected a number from 1 to 100000, or as 3..9, or as 1,4,7"
+    line = "cubepath-seeds: expected a number of seeds, a range A..B or a list of both, found 'x'"
     assert line in wrong.stderr
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-timeout=never")
     assert "cubepath-timeout=never: expected seconds, above 0, less than 3600" in wrong.stderr
@@ -138,14 +138,13 @@ def test_seeds_are_read(text: str, seeds: list[int]) -> None:
     assert seeds_in(text) == seeds
 
 
-BAD = ("", "0", "-1", "5..3", "a", "1,", "1;2", "100001", "0..100000", "9" * 5000)
+BAD = ("", "0", "-1", "5..3", "a", "1;2", "100001", "0..100000", "9" * 5000)
 
 
 @pytest.mark.parametrize("text", BAD, ids=[text[:9] for text in BAD])
 def test_no_seeds_are_an_error(text: str) -> None:
-    """With what is expected: from how many to how many."""
-    line = r"expected a number from 1 to 100000, or as 3\.\.9, or as 1,4,7$"
-    with pytest.raises(pytest.UsageError, match=line):
+    """The option is named, with what is expected."""
+    with pytest.raises(pytest.UsageError, match=r"^cubepath-seeds: .*expected"):
         seeds_in(text)
 
 

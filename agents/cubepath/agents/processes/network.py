@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import OptionError
 from cubepath.protocol.wire.access import PROCESSES_MAX
 from cubepath.protocol.wire.credentials import (
     COORDINATOR,
@@ -53,15 +53,15 @@ class NetworkConfig:
     def check(self, modules: int, processes: int) -> None:
         """Check it for a run of this many modules in this many own processes; InputError if not."""
         if self.listen is not None and self.connect is not None:
-            raise InputError(f"connect={self.connect}: the run has a router already, to listen")
+            raise OptionError(f"connect={self.connect}: the run has a router already, to listen")
         endpoint = self.listen if self.connect is None else self.connect
         if endpoint is not None:
             check_endpoint(endpoint, connect=self.connect is not None)
             check_secure(endpoint, self.secure)
         if not 0 <= self.wait_for <= modules:
-            raise InputError(f"wait-for={self.wait_for}: expected 0 to {modules}, one a module")
+            raise OptionError(f"wait-for={self.wait_for}: expected 0 to {modules}, one a module")
         if self.wait_for and endpoint is None and self.secure is None:
-            raise InputError(
+            raise OptionError(
                 f"wait-for={self.wait_for}: no process can join a private run, expected --listen or"
                 " --connect"
             )
@@ -75,7 +75,7 @@ class NetworkConfig:
         certificates of own processes are asked for when they are needed.
         """
         if self.wait_for + processes > PROCESSES_MAX:
-            raise InputError(
+            raise OptionError(
                 f"processes={processes}: with certificates there are at most {PROCESSES_MAX}"
             )
         certificate_files(folder, COORDINATOR)

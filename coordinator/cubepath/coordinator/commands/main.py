@@ -27,7 +27,7 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.usage import Parser
 from cubepath.coordinator.plugins import COMMANDS, GROUPS, add_options_of
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import CubepathError, InputError, OptionError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,7 +52,7 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
-        complain(error)
+        complain(f"--{error}" if isinstance(error, OptionError) else error)
         return BAD_INPUT
     except BrokenPipeError:
         return CLOSED_PIPE

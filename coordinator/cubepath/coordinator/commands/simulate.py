@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import re
 import sys
 import time
 from pathlib import Path
@@ -22,11 +21,11 @@ from cubepath.coordinator.commands.console import (
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
+from cubepath.protocol.core.ranges import seeds_of
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.simulation.swarm import KeptRun, SeedTally
 
-_RANGE = re.compile(r"(\d{1,18})(?:\.\.(\d{1,18}))?", re.ASCII)
 _SHOWN_MAX = 300
 """Of a line on what failed this many characters are shown; the document and the log have it all."""
 
@@ -36,10 +35,9 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
     simulate.set_defaults(command=_simulate)
     simulate.add_argument(
         "--seeds",
-        type=_seeds,
-        default=range(100),
-        metavar="A..B",
-        help="the seeds from A to B, both included, or one seed (default 0..99)",
+        default="100",
+        metavar="N",
+        help="N seeds from 0 on; or A..B, or a list as 3,7, (default 100)",
     )
     simulate.add_argument(
         "--system",
@@ -69,26 +67,19 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
     )
 
 
-def _seeds(text: str) -> range:
-    found = _RANGE.fullmatch(text)
-    first, last = (found[1], found[2] or found[1]) if found else (1, 0)
-    if int(last) < int(first):
-        raise argparse.ArgumentTypeError(f"expected A..B with A at most B, found {text!r}")
-    return range(int(first), int(last) + 1)
-
-
 def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.scenarios import ScenarioOptions, check  # noqa: PLC0415
     from cubepath.coordinator.simulation.swarm import SeedTally, simulate_seeds, simulator_of  # noqa: PLC0415
 
     check_files(options, [])
+    seeds = seeds_of(options.seeds)
     asked = ScenarioOptions(
         options.system, options.rule, options.modules, options.liars, options.clock
     )
     check(asked)
     check_output_folder(options.out)
     tally, began, interrupted = SeedTally(simulator_of(asked)), time.monotonic(), False
-    with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
+    with progress_bar(len(seeds), "simulate", " seeds") as bar:
 
         def failing(seed: int) -> None:
             bar.set_postfix_str(f"shrinking seed {seed}")
@@ -96,7 +87,7 @@ def _simulate(options: argparse.Namespace) -> int:
         try:
             # A rule that prints would print into the answer.
             with contextlib.redirect_stdout(sys.stderr):
-                for kept in simulate_seeds(options.seeds, options.out, tally, failing=failing):
+                for kept in simulate_seeds(seeds, options.out, tally, failing=failing):
                     if kept is not None:
                         bar.clear()
                         _tell(kept)

@@ -21,9 +21,11 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.coordinator.commands.files import check_files
-from cubepath.coordinator.commands.usage import more_options, number, whole
-from cubepath.protocol.core.errors import InputError
+from cubepath.coordinator.commands.usage import add_fields, given, more_options, whole
+from cubepath.coordinator.experiments.options import SweepOptions
+from cubepath.protocol.core.errors import OptionError
 from cubepath.protocol.core.formatting import counted, visible
+from cubepath.protocol.core.options import option_fields
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
@@ -67,9 +69,7 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
         help="what goes wrong, at these rates: loss, delay (of delay_ms), duplicate, crash, slow"
         " (by slow_factor), each with one value or several, or none; may be given several times",
     )
-    sweep.add_argument(
-        "--max-rounds", type=whole(0), metavar="N", help="end a run after N rounds (default 1000)"
-    )
+    add_fields(sweep, SweepOptions, "max_rounds")
     sweep.add_argument(
         "-o",
         "--out",
@@ -85,48 +85,9 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
         "--jobs", type=whole(1), metavar="N", help="processes (default: one for each core)"
     )
     sweep.add_argument("--dry-run", action="store_true", help="list what would be played")
-    _add_more(more_options(sweep))
-
-
-def _add_more(more: Any) -> None:
-    more.add_argument(
-        "--core",
-        metavar="CORE",
-        help="where runs are played: compiled, simulated or wire (default: compiled, or simulated"
-        " if something happens to messages)",
-    )
-    more.add_argument(
-        "--timeout",
-        type=number("more than 0 seconds", lambda seconds: seconds > 0),
-        metavar="SECONDS",
-        help="end a run that takes longer (default: none does)",
-    )
-    more.add_argument(
-        "--processes",
-        type=whole(1),
-        metavar="N",
-        help="module processes of a run with messages (default 4)",
-    )
-    more.add_argument(
-        "--keepers",
-        type=whole(1),
-        metavar="N",
-        help="keepers of a run with messages and without rounds (default 4)",
-    )
-    more.add_argument(
-        "--max-states",
-        type=whole(0),
-        metavar="STATES",
-        help="search for the fewest cubes from start to goal, keeping STATES states at most"
-        " (default 0: no search)",
-    )
-    more.add_argument(
-        "--steps",
-        type=whole(0),
-        metavar="STEPS",
-        help="search for a path with few cubes from start to goal in STEPS steps, from what the"
-        " family's rule does with seed 0 (default 0: no search)",
-    )
+    more = more_options(sweep)
+    names = ("core", "timeout_s", "processes", "keepers", "optimum", "improve")
+    add_fields(more, SweepOptions, *names)
     more.add_argument(
         "--connect", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
     )
@@ -154,15 +115,9 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         else [_share(text) for text in options.hesitate.split(",")],
         "faults": options.faults,
         "seeds": options.seeds,
-        "core": options.core,
-        "max_rounds": options.max_rounds,
-        "processes": options.processes,
-        "keepers": options.keepers,
-        "optimum": options.max_states,
-        "improve": options.steps,
-        "timeout_s": options.timeout,
     }
-    return {key: value for key, value in named.items() if value is not None}
+    given_lists = {key: value for key, value in named.items() if value is not None}
+    return given_lists | given(options, option_fields(SweepOptions))
 
 
 def _split(several: Iterable[str] | None) -> list[str] | None:
@@ -173,7 +128,7 @@ def _share(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"--hesitate: expected numbers as 0,0.5, found {text!r}") from None
+        raise OptionError(f"hesitate: expected numbers as 0,0.5, found {text!r}") from None
 
 
 def _few(lines: Sequence[str]) -> list[str]:

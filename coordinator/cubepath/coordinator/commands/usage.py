@@ -85,7 +85,8 @@ def add_fields(
 ) -> None:
     """Add options for fields of a dataclass; what is not given stays None.
 
-    `types` has what reads the values of fields that are paths.
+    `types` has what reads the values of fields that are paths. A field whose `extra` has an
+    `option` is called that on the command line.
     """
     for name in names:
         field = option_fields(struct)[name]
@@ -98,7 +99,7 @@ def add_fields(
             about["type"] = _number_of(field)
         else:
             about["type"] = (types or {}).get(name, field.kind)
-        parser.add_argument(f"--{field.key}", **about)
+        parser.add_argument(f"--{about.pop('option', field.key)}", dest=name, **about)
 
 
 def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:

@@ -40,7 +40,6 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 
 GRACE_S = 5.0
 """A run that ignores interrupts for this long is killed with its process."""
-TIMEOUT_S_MAX = 1_000_000
 _AGAIN_S = 1.0
 """A run that continues is interrupted again after so long: a rule may catch whatever is raised."""
 

@@ -22,38 +22,32 @@ from cubepath.agents.rules.registry import (
     unknown_rule,
 )
 from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.experiments.playing import TIMEOUT_S_MAX
+from cubepath.coordinator.experiments.options import SweepOptions
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
-    CORES,
     DELAY_MS_MAX,
-    LARGEST,
     SLOW_FACTOR_MAX,
     Clock,
-    Core,
     FaultRates,
     RunBatch,
     RunSetting,
-    checked_seeds,
     code_version,
-    expanded,
     run_id,
     scene_hash,
-    seeds_of,
     source_hash,
 )
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import read_text
+from cubepath.protocol.core.options import option_fields
 from cubepath.protocol.core.parsing import given_values, parsed_toml
+from cubepath.protocol.core.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import family_named
 from cubepath.protocol.scenes.specs import is_scene_file, names_file, scene_from_spec, spec_within
 
-_LEAST = (("max_rounds", 0), ("processes", 1), ("keepers", 1), ("optimum", 0), ("improve", 0))
 STANDARD = "standard"
 """The name that stands for all standard instances."""
-MAX_ROUNDS = 1000
 _TOGETHER = {"compiled": 25, "simulated": 2, "wire": 1}
 """How many runs of a setting are played together, by core."""
 _SMALL = 1000
@@ -61,7 +55,7 @@ _SMALL = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(SweepOptions):
     """What to run: all systems with all rules, clocks, hesitations, faults and seeds.
 
     `systems` may have ranges and lists in their keys, as in ``hex:n=4..40``; no `rules` means for
@@ -85,43 +79,27 @@ class Sweep:
     hesitate: tuple[float, ...] = (0.0,)
     faults: tuple[FaultRates, ...] = (FaultRates(),)
     seeds: tuple[int, ...] = tuple(range(10))
-    core: str | None = None
-    max_rounds: int = MAX_ROUNDS
-    processes: int = 4
-    keepers: int = 4
-    optimum: int = 0
-    improve: int = 0
-    timeout_s: float | None = None
 
     def __post_init__(self) -> None:
         """Check what is wrong whatever the systems are; InputError names it."""
         if not self.systems:
             raise InputError("systems: expected one or more, found none")
         _check_names("clocks", self.clocks, CLOCKS)
-        _check_names("core", () if self.core is None else (self.core,), CORES)
         for key in ("clocks", "hesitate", "faults"):
             if not getattr(self, key):
                 raise InputError(f"{key}: expected one value or more, found none")
         for share in self.hesitate:
             if not 0.0 <= share < 1.0:
-                raise InputError(f"hesitate: {share:g}, expected at least 0 and less than 1")
-        for key, least in _LEAST:
-            if getattr(self, key) < least:
-                raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
-            if getattr(self, key) > LARGEST:
-                raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
-        _check_timeout(self.timeout_s)
+                raise OptionError(f"hesitate: {share:g}, expected at least 0 and less than 1")
+        for key, field in option_fields(SweepOptions).items():
+            value = getattr(self, key)
+            field.check(value, key)
+            if field.kind is int and value > LARGEST:
+                raise OptionError(f"{key}={value}: expected at most {LARGEST}")
         checked_seeds(list(self.seeds))
         for rates in self.faults:
             _check_rates(rates)
         _check_rules(self.rules)
-
-
-def _check_timeout(timeout_s: float | None) -> None:
-    if timeout_s is not None and not 0.0 < timeout_s <= TIMEOUT_S_MAX:
-        raise InputError(
-            f"timeout_s: {timeout_s:g}, expected more than 0 and at most {TIMEOUT_S_MAX}"
-        )
 
 
 def _check_rules(rules: Iterable[str]) -> None:
@@ -140,13 +118,13 @@ def _check_names(key: str, given: Iterable[str], known: Sequence[str]) -> None:
 def _check_rates(rates: FaultRates) -> None:
     for key in ("loss", "delay", "duplicate", "crash", "slow"):
         if not 0.0 <= getattr(rates, key) <= 1.0:
-            raise InputError(f"faults: {key}={getattr(rates, key):g}, expected 0 to 1")
+            raise OptionError(f"faults: {key}={getattr(rates, key):g}, expected 0 to 1")
     if not 0.0 < rates.delay_ms <= DELAY_MS_MAX:
-        raise InputError(
+        raise OptionError(
             f"faults: delay_ms={rates.delay_ms:g}, expected more than 0 and at most {DELAY_MS_MAX}"
         )
     if not 1 <= rates.slow_factor <= SLOW_FACTOR_MAX:
-        raise InputError(
+        raise OptionError(
             f"faults: slow_factor={rates.slow_factor}, expected 1 to {SLOW_FACTOR_MAX}"
         )
 
@@ -302,7 +280,7 @@ def _of_scene(
             clock=cast("Clock", clock),
             hesitate=float(hesitate),
             faults=rates.normal,
-            core=cast("Core", core),
+            core=core,
             max_rounds=sweep.max_rounds,
             processes=0 if alone else min(sweep.processes, len(scene.start)),
             keepers=0 if alone or clock != "free" else sweep.keepers,
@@ -408,13 +386,8 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
             rates for each in _several(value) for rates in _rates_of(each)
         ),
         "seeds": _seeds,
-        "core": lambda value: _text("core", value),
-        "timeout_s": lambda value: _number("timeout_s", value),
     }
-    found = {
-        key: readers.get(key, lambda value, key=key: _whole(key, value))(value)
-        for key, value in table.items()
-    }
+    found = {key: readers[key](value) if key in readers else value for key, value in table.items()}
     return Sweep(**cast("dict[str, Any]", found))
 
 
@@ -502,4 +475,4 @@ def _rate(key: str, value: str) -> float | int:
     try:
         return int(value) if key == "slow_factor" else float(value)
     except ValueError:
-        raise InputError(f"faults: {key}={value}, expected a number") from None
+        raise OptionError(f"faults: {key}={value}, expected a number") from None

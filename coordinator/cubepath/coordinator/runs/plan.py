@@ -18,9 +18,10 @@ from cubepath.agents.rules.registry import own_rule, rule_for, rule_named
 from cubepath.agents.rules.schedule import RECORDED, SCHEDULE, RecordedChoices
 from cubepath.coordinator.runs.options import SPEED_MAX, RunOptions
 from cubepath.coordinator.runs.schedule import Assignment
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.options import check_options, real_number, whole_number
+from cubepath.protocol.core.output_files import is_special
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -148,7 +149,7 @@ def task_of(plan: Plan) -> RunTask:
     if plan.schedule is not None:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
-        raise InputError("repair: there is no schedule that could need it")
+        raise OptionError("repair: there is no schedule that could need it")
     scene = _with_runs(_scene_named(plan.system))
     _check_speeds(plan, scene)
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
@@ -171,22 +172,21 @@ def _check_types(plan: Plan) -> None:
         if value is not None and not isinstance(value, kinds):
             raise InputError(f"{key}={value!r}: expected {expected}")
     check_options(plan)
+    if plan.log is not None and plan.log.suffix not in {"", ".mcap"} and not is_special(plan.log):
+        raise OptionError(f"log: {plan.log} has the suffix {plan.log.suffix}, expected .mcap")
     for module, factor in plan.speeds.items():
         whole_number("speed of module", module)
         real_number(f"speed={module}", factor)
 
 
 def _check_lockstep(plan: Plan) -> None:
-    for key, value, default in (
-        ("speed", plan.speeds, {}),
-        ("jitter", plan.jitter, 0.0),
-        ("on-crash", plan.on_crash, "stop"),
-        ("resume", plan.resume, None),
-    ):
-        if value != default:
-            raise InputError(f"{key}: only for runs without rounds, expected clock=free")
+    without_rounds = {"speeds": {}, "keepers": 4, "jitter": 0.0, "on_crash": "stop", "resume": None}
+    for name, default in without_rounds.items():
+        if getattr(plan, name) != default:
+            key = {"speeds": "speed", "resume": "from"}.get(name, name.replace("_", "-"))
+            raise OptionError(f"{key}: only for runs without rounds, expected clock=free")
     if plan.log_time == "level":
-        raise InputError("log-time=level: only for runs without rounds, expected round or wall")
+        raise OptionError("log-time=level: only for runs without rounds, expected round or wall")
 
 
 def _check_free(plan: Plan) -> None:
@@ -198,14 +198,14 @@ def _check_free(plan: Plan) -> None:
         ("repair", plan.repair),
     ):
         if given:
-            raise InputError(f"{key}: not for runs without rounds (clock=free)")
+            raise OptionError(f"{key}: not for runs without rounds (clock=free)")
     if plan.log_time == "round":
-        raise InputError("log-time=round: without rounds (clock=free), expected level or wall")
+        raise OptionError("log-time=round: without rounds (clock=free), expected level or wall")
     if plan.processes < 1:
-        raise InputError(f"processes={plan.processes}: expected 1 or more with clock=free")
+        raise OptionError(f"processes={plan.processes}: expected 1 or more with clock=free")
     for module, factor in plan.speeds.items():
         if not 0.0 < factor <= SPEED_MAX:
-            raise InputError(
+            raise OptionError(
                 f"speed={module}={factor:g}: expected more than 0 and at most {SPEED_MAX}"
             )
 
@@ -213,7 +213,7 @@ def _check_free(plan: Plan) -> None:
 def _check_speeds(plan: Plan, scene: Scene) -> None:
     strange = [module for module in plan.speeds if not 0 <= module < len(scene.start)]
     if strange:
-        raise InputError(
+        raise OptionError(
             f"speed={strange[0]}={plan.speeds[strange[0]]:g}: no such module, the scene has"
             f" 0-{len(scene.start) - 1}"
         )
@@ -238,9 +238,11 @@ def _with_runs(scene: Scene) -> Scene:
 
 def _task_of_schedule(plan: Plan, path: Path) -> RunTask:
     if plan.hesitate:
-        raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
+        raise OptionError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
     if plan.rule is not None and not plan.repair:
-        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair continues with one")
+        raise OptionError(
+            f"rule={plan.rule}: a schedule needs none, only repair continues with one"
+        )
     from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule, with_end  # noqa: PLC0415 - few runs have one
 
     schedule = read_schedule(path)
@@ -270,7 +272,7 @@ def check_topics(task: RunTask, plan: Plan) -> None:
     hosts = min(plan.processes + plan.wait_for, len(task.scene.start))
     here = len(_SAID_HERE)
     if len(_SAID) * hosts + here > TOPICS_MAX:
-        raise InputError(
+        raise OptionError(
             f"processes={plan.processes}: what they say takes {len(_SAID) * hosts + here} topics,"
             f" and a recording has {TOPICS_MAX} at most: expected at most"
             f" {(TOPICS_MAX - here) // len(_SAID)} processes"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from itertools import islice, pairwise
 from pathlib import Path
@@ -30,7 +30,6 @@ MARKER = "cubepath"
 _TIMEOUT_S = 30.0
 _TOLD = pytest.StashKey[list[Any]]()
 """Those that name recordings when a test fails."""
-_RANGE = re.compile(r"(\d+)\.\.(\d+)")
 SEEDS_MAX = 100_000
 """A test is called no more often."""
 _OURS = re.compile(r"cubepath\.(protocol|agents|coordinator)\b|contextlib$")
@@ -77,21 +76,15 @@ def _given(config: pytest.Config, name: str) -> str:
 
 def seeds_in(text: str) -> list[int]:
     """Return the seeds of a text: ``5`` for 0 to 4, ``3..9``, or ``1,4,7``; UsageError if none."""
-    found = _RANGE.fullmatch(text)
-    parts = text.split(",")
-    seeds: Sequence[int] = ()
-    with suppress(ValueError):  # of a number that is too long to be read
-        if found is not None:
-            seeds = range(int(found[1]), int(found[2]) + 1)
-        elif text.isdecimal():
-            seeds = range(int(text))
-        elif len(parts) > 1 and all(part.isdecimal() for part in parts):
-            seeds = [int(part) for part in parts]
-    if not 1 <= len(seeds[: SEEDS_MAX + 1]) <= SEEDS_MAX:  # a longer range may have no length
-        raise pytest.UsageError(
-            f"cubepath-seeds={text}: expected a number from 1 to {SEEDS_MAX}, or as 3..9,"
-            " or as 1,4,7"
-        )
+    from cubepath.protocol.core.errors import InputError  # noqa: PLC0415 - few tests ask for seeds
+    from cubepath.protocol.core.ranges import seeds_of  # noqa: PLC0415
+
+    try:
+        seeds = seeds_of(text, "cubepath-seeds")
+    except InputError as error:
+        raise pytest.UsageError(str(error)) from None
+    if len(seeds) > SEEDS_MAX:
+        raise pytest.UsageError(f"cubepath-seeds: expected 1 to {SEEDS_MAX} seeds, found {text}")
     return list(seeds)
 
 

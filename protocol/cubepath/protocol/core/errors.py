@@ -45,6 +45,13 @@ class InputError(CubepathError):
     """
 
 
+class OptionError(InputError):
+    """An option that cannot be accepted; the message begins with its name.
+
+    The name has hyphens as on the command line, which puts two more in front of it.
+    """
+
+
 class ExcludedError(InputError):
     """The generator is known, but there is no such action at that place.
 

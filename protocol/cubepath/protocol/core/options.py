@@ -25,7 +25,7 @@ from typing import (
 
 from msgspec import Meta
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
 
 
@@ -117,22 +117,23 @@ class OptionField:
             and (meta.lt is None or value < meta.lt)
         )
 
-    def check(self, value: object) -> None:
-        """Check a value from Python; InputError if it is none for this option."""
+    def check(self, value: object, key: str | None = None) -> None:
+        """Check a value from Python; OptionError, by the name `key`, if it does not fit."""
+        key = key or self.key
         if value is None and self.may_be_none:
             return
         if self.kind in {int, float}:
-            number = (whole_number if self.kind is int else real_number)(self.key, value)
+            number = (whole_number if self.kind is int else real_number)(key, value)
             if not self.fits(number):
-                raise InputError(f"{self.key}={number:g}: expected {self.expected}")
+                raise OptionError(f"{key}={number:g}: expected {self.expected}")
         elif self.choices:
             if value not in self.choices:
                 near = did_you_mean(str(value), self.choices)
                 expected = ", ".join(self.choices)
-                raise InputError(f"{self.key}={value}{near}: expected one of {expected}")
+                raise OptionError(f"{key}={value}{near}: expected one of {expected}")
         elif not isinstance(value, self.kind):
             expected = {Path: "a path", bool: "true or false"}.get(self.kind, "a text")
-            raise InputError(f"{self.key}={value!r}: expected {expected}")
+            raise OptionError(f"{key}={value!r}: expected {expected}")
 
 
 @cache
