@@ -37,7 +37,7 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
         "--seeds",
         default="100",
         metavar="N",
-        help="N seeds from 0 on; or A..B, or a list as 3,7, (default 100)",
+        help="N seeds from 0 on, A..B, or a list such as 3,7 (default 100)",
     )
     simulate.add_argument(
         "--system",
