@@ -180,7 +180,7 @@ class NumberedHeap:
         if count and not 0 <= int(numbers.min()) <= int(numbers.max()) < self._actions:
             raise InputError(f"a move with an action that is none of {self._actions}")
         if self.moves + count > _MOST:
-            raise InputError(f"more than {_MOST} moves, expected at most so many in one heap")
+            raise InputError(f"more than {_MOST} moves, expected at most that many in one heap")
         self._heap = self._heap._replace(sizes=_longer(self._heap.sizes, self.cubes + count))
         levels = partners = _NONE
         if self._journal is not None:

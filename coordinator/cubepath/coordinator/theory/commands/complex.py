@@ -124,7 +124,7 @@ def _check_end(scene: Scene) -> None:
         raise InputError(
             f"{scene.spec}: endless, since {found.moves} moves take {who} on by {list(found.by)},"
             " again and again: expected --shape, a scene with a base (base=1) or a workspace, or"
-            " --max-states N to look at so many"
+            " --max-states N to look at N states"
         )
 
 
