@@ -15,9 +15,12 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NOT_OURS = frozenset(
     [
         "concurrent",
+        "crossing",
+        "dock",
         "f9c",
         "futures",
         "grid24x24",
+        "lambda",
         "NextStep",
         "pyutils",
         "SameStep",

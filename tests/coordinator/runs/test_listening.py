@@ -26,6 +26,10 @@ from processes.living import is_there
 
 SYSTEM = "hex:n=4"
 CLOCKS = pytest.mark.parametrize("clock", ["lockstep", "free"])
+SMALL: dict[str, dict[str, Any]] = {
+    "lockstep": {"processes": 1},
+    "free": {"processes": 1, "keepers": 1},
+}
 Clock = Literal["lockstep", "free"]
 
 
@@ -76,7 +80,7 @@ def test_what_a_listener_raises_breaks_no_round(tmp_path: Path) -> None:
 def test_what_is_raised_at_the_results_costs_no_result(clock: Clock, tmp_path: Path) -> None:
     """By each message of the end: the recording has its summary, and the run its outcome."""
     log = tmp_path / "a.mcap"
-    with start(SYSTEM, clock=clock, processes=1, keepers=1, log=log) as running:
+    with start(SYSTEM, clock=clock, **SMALL[clock], log=log) as running:
         running.listen(Raises("summary"))
         running.listen(Raises("certificate", times=9))
         with pytest.raises(ZeroDivisionError, match="certificate"):
@@ -121,7 +125,7 @@ def test_what_watches_may_raise_too(tmp_path: Path) -> None:
 @CLOCKS
 def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Path) -> None:
     """It is raised, nothing is left, and who steps on is told that the run has ended."""
-    plan: dict[str, Any] = {"clock": clock, "processes": 2, "keepers": 1, "max_rounds": 10**6}
+    plan: dict[str, Any] = {"clock": clock, **SMALL[clock], "processes": 2, "max_rounds": 10**6}
     with start("hex:n=6", "random", **plan, log=tmp_path / "a.mcap") as running:
         pids = list(running.pids.values())
         running.step(2)
@@ -149,7 +153,7 @@ def test_an_interrupt_while_results_are_written_loses_none(
 ) -> None:
     """It is raised when they are on record, each of them once."""
     log = tmp_path / "a.mcap"
-    with start(SYSTEM, clock=clock, processes=1, keepers=1, log=log) as running:
+    with start(SYSTEM, clock=clock, **SMALL[clock], log=log) as running:
         running.listen(Raises(kind, error=KeyboardInterrupt()))
         with pytest.raises(KeyboardInterrupt):
             running.play()
@@ -165,7 +169,7 @@ def test_results_are_published_though_the_disk_is_full(
     """Whoever listens is told how the run ended, and why."""
     heard: SimpleQueue[str] = SimpleQueue()
     with (
-        start(SYSTEM, clock=clock, processes=1, keepers=1, log=tmp_path / "a.mcap") as running,
+        start(SYSTEM, clock=clock, **SMALL[clock], log=tmp_path / "a.mcap") as running,
         open_client(running.endpoint) as guest,
     ):
         key = f"cubepath/{running.run}/summary/**"
@@ -191,7 +195,7 @@ def test_a_listener_may_stop_the_run(clock: Clock, tmp_path: Path) -> None:
             found.append(running.stop())
             running.__exit__(None, None, None)
 
-    with start(SYSTEM, clock=clock, processes=1, keepers=1, log=tmp_path / "a.mcap") as running:
+    with start(SYSTEM, clock=clock, **SMALL[clock], log=tmp_path / "a.mcap") as running:
         running.listen(hear)
         assert running.play().ended == found[0].ended == "interrupted"
     whole(running, "interrupted")
@@ -266,7 +270,7 @@ def test_an_interrupted_start_leaves_a_whole_recording(clock: Clock, tmp_path: P
             signal.raise_signal(signal.SIGINT)
         return endpoint, credentials
 
-    running = start(SYSTEM, clock=clock, processes=1, keepers=1, way=way, log=log)
+    running = start(SYSTEM, clock=clock, **SMALL[clock], way=way, log=log)
     with pytest.raises(KeyboardInterrupt):
         running.__enter__()
     assert list(tmp_path.iterdir()) == [log]

@@ -161,7 +161,8 @@ def test_whoever_may_join_may_listen(tmp_path: Path) -> None:
 @pytest.mark.parametrize("clock", ["lockstep", "free"])
 def test_whoever_may_join_may_ask(clock: Literal["lockstep", "free"], tmp_path: Path) -> None:
     """A guest is told where the run stands, by its name or not, and gets no answer afterwards."""
-    plan = Plan("agv-labelled:graph=grid3x3,n=2", clock=clock, processes=1, keepers=1)
+    keepers = 1 if clock == "free" else 4
+    plan = Plan("agv-labelled:graph=grid3x3,n=2", clock=clock, processes=1, keepers=keepers)
     with start(plan, log=tmp_path / "a.mcap") as running:
         begun = ask(running.endpoint)
         assert (begun.round, begun.sites, begun.goal_reached) == (0, running.scene.start, False)

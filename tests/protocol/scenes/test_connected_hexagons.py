@@ -194,7 +194,7 @@ def test_run_and_shorten_refuse_it(
     scene, moves = tmp_path / "scene.toml", tmp_path / "moves.jsonl"
     scene.write_text(scene_to_toml(scene_from_spec("hex-connected:scene=ring")))
     moves.write_text(json.dumps({"generator": "pivot-1-left", "at": [0, 0]}) + "\n")
-    output = tmp_path / "output.jsonl"
+    output = tmp_path / ("output.mcap" if command[0] == "run" else "output.jsonl")
     full = [str(scene) if part == "SCENE" else part for part in command]
     if command[0] == "run":
         full += ["--log", str(output)]
