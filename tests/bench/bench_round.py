@@ -42,7 +42,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.runs.conductor import Conductor
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -90,7 +90,7 @@ class Recorded:
             self.puts.setdefault(at, []).append((key_of(RUN, message), data))
         for part in parts_of(message):
             if isinstance(part, Report):
-                self.sites.setdefault(part.round, {})[part.module] = site_from_json(part.before)
+                self.sites.setdefault(part.round, {})[part.module] = part.before
             self.parts += isinstance(message, Bundle | Reports)
         self.messages += 1
 
@@ -284,6 +284,7 @@ def moves_of(spec: str, rounds: int) -> list[GeneratorPlacement]:
         msgspec.json.decode(
             msgspec.json.encode(GeneratorPlacement(move.generator, move.at)),
             type=GeneratorPlacement,
+            dec_hook=site_hook,
         )
         for each in played.rounds
         for move in each.moves.values()
@@ -297,7 +298,7 @@ def found_us(
     began = time.process_time()
     for _ in range(times):
         for placed in moves:
-            find(placed.generator, site_from_json(placed.at))
+            find(placed.generator, placed.at)
     return (time.process_time() - began) / times / len(moves) * 1e6
 
 
@@ -307,7 +308,7 @@ def gathering(spec: str, rounds: int) -> None:
     system = scene_from_spec(spec).system
     first = found_us(system.action, moves, 1)
     again = found_us(system.action, moves, 5)
-    table = {(placed.generator, site_from_json(placed.at)): placed for placed in moves}
+    table = {(placed.generator, placed.at): placed for placed in moves}
     dictionary = found_us(lambda generator, at: table[generator, at], moves, 5)
     print(
         f"{spec:<26}{first:>10.2f}{again:>10.2f}{dictionary:>10.2f}{again / dictionary:>10.1f}"
