@@ -100,6 +100,12 @@ def test_the_coordinator_may_speak_to_one_process_alone(message: Message) -> Non
         ("a", b"no", "malformed", "not a cubepath message: "),
         (
             "a",
+            encode(said(Presence(4, 1, 3))).replace(b'"site":3', b'"site":[0,null]'),
+            "malformed",
+            "not a cubepath message: a site is a JSON number, string or list, found null",
+        ),
+        (
+            "a",
             b" " * (MESSAGE_BYTES_MAX + 1),
             "too large",
             "16777217 bytes, expected at most 16777",

@@ -42,6 +42,19 @@ def read(path: Path, system: str | None = None) -> list[PathMove]:
 
 BAD: dict[str, tuple[str | None, list[str | dict[str, Any]], int, str]] = {
     "no JSON": (None, ["move 1"], 1, "found no whole JSON object, expected one a line: JSON is"),
+    "cut in the first line": (SYSTEM, [PLACED[:30]], 1, "found no whole JSON object"),
+    "lists in lists": (
+        SYSTEM,
+        ['{"generator": "edge", "at": ' + "[" * 65 + "]" * 65 + "}"],
+        1,
+        "a site is lists in lists 64 deep at most, found more - at `$.at`",
+    ),
+    "a site that is none": (
+        SYSTEM,
+        ['{"generator": "edge", "at": [1, null]}'],
+        1,
+        "a site is a JSON number, string or list, found null - at `$.at`",
+    ),
     "no object": (None, ["[1, 2]"], 1, "Expected `object`, got `array`; a line has the keys"),
     "a number after moves": (SYSTEM, [PLACED, "7"], 2, "Expected `object`, got `int`"),
     "two objects in a line": (None, [STEP + STEP], 1, "found no whole JSON object"),

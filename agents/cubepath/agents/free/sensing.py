@@ -153,5 +153,5 @@ def _known(shown: PlaceState) -> Place:
         shown.module,
         tuple(shown.note),
         shown.module_version,
-        tuple((unit, version, reads) for unit, version, reads in shown.reads),
+        tuple(shown.reads),
     )

@@ -35,7 +35,7 @@ from cubepath.agents.keepers.journal import (
     Prepared,
     Record,
 )
-from cubepath.agents.keepers.units import Units, sites_in, start_of
+from cubepath.agents.keepers.units import Units, start_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -431,11 +431,7 @@ class Keeper:
         attempt = passed.attempt
         moved, occupants = self._outcome(passed, plan)
         decision = Decision(
-            attempt.module,
-            attempt.epoch,
-            attempt.number,
-            commit=moved,
-            occupants=[(site, occupant) for site, occupant in occupants],
+            attempt.module, attempt.epoch, attempt.number, commit=moved, occupants=list(occupants)
         )
         self._journal.append(Committed(passed, decision))
         self._carry_out_commit(passed, decision, plan)
@@ -456,7 +452,7 @@ class Keeper:
 
     def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
         if decision.commit is not None:
-            self.units.apply(decision.commit, plan.shares[self.me], sites_in(decision.occupants))
+            self.units.apply(decision.commit, plan.shares[self.me], decision.occupants)
 
     def _outcome(
         self, passed: Forwarded, plan: AttemptPlan
@@ -470,7 +466,7 @@ class Keeper:
             for share in plan.shares.values()
             for place, _, new in share.notes
         }
-        for site, occupant in sites_in(passed.noted):
+        for site, occupant in passed.noted:
             notes[occupant.module] = written[self._system.place_of(site)]
             modules[occupant.module] = site, occupant
         motion: list[tuple[int, Site, Site, int]] = []

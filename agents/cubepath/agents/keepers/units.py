@@ -200,8 +200,3 @@ def start_of(system: System, tiles: Tiles, keeper: int, start: Iterable[Site]) -
         for module, site in enumerate(start)
         if tiles.keeper_of(system.place_of(site)) == keeper
     }
-
-
-def sites_in(occupants: Iterable[tuple[Site, Occupant]]) -> list[tuple[Site, Occupant]]:
-    """Return modules with their sites as they travel."""
-    return [(site, occupant) for site, occupant in occupants]

@@ -189,9 +189,8 @@ class FreeState:
         taken = [] if move is None else [(self.at[place_of(a)], a, b) for a, b in move.motion]
         for module in {*written, *(module for module, _, _ in taken)}:
             self.version[module] += 1
-        motion = [(module, a, b, version) for module, a, b, version in moved.motion]
         expected = [(module, a, b, self.version[module]) for module, a, b in taken]
-        same("motion", f"{who}, motion", motion, expected)
+        same("motion", f"{who}, motion", moved.motion, expected)
         gone = {place_of(a) for _, a, _ in taken}
         for place in gone:
             del self.at[place]

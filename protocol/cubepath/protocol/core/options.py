@@ -99,12 +99,12 @@ class OptionField:
         """Return its bounds in words."""
         meta = self.meta
         if meta.ge is not None and meta.le is not None:
-            return f"{meta.ge:g} to {meta.le:g}"
+            return f"{meta.ge:.12g} to {meta.le:.12g}"
         if meta.ge is not None and meta.lt is None:
-            return f"{meta.ge:g} or more"
+            return f"{meta.ge:.12g} or more"
         bounds = {"at least": meta.ge, "more than": meta.gt, "at most": meta.le}
         bounds["less than"] = meta.lt
-        return " and ".join(f"{word} {at:g}" for word, at in bounds.items() if at is not None)
+        return " and ".join(f"{word} {at:.12g}" for word, at in bounds.items() if at is not None)
 
     def fits(self, value: float) -> bool:
         """Return whether a number is within the bounds."""

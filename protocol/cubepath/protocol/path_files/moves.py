@@ -286,7 +286,9 @@ class _Reader:
             # The first line decides. If it is no object, the error describes both forms.
             self._form = _form_of(line)
         if self._form is None:
-            return decode_line(_CONTENTS.decode, line, f"{_GENERATOR.keys}, or {_CONTENTS.keys}")
+            keys = f"{_GENERATOR.keys}, or {_CONTENTS.keys}"
+            decode_line(msgspec.json.decode, line, keys)  # a line that is cut off is no JSON
+            return decode_line(_CONTENTS.decode, line, keys)
         try:
             return decode_line(self._form.decode, line, self._form.keys, _keys_of)
         except InputError:
