@@ -38,7 +38,7 @@ _END_S_MAX = 2.0
 INCARNATIONS = "incarnations"
 """The file in a folder of logs with the run that began them and its last incarnations."""
 _RESTARTS_MAX = 100
-"""How often processes are restarted in all; what dies at once would do so for ever."""
+"""How often processes are restarted in all: one that dies immediately would do so forever."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ THINK_S = 0.01
 MISSES = 3
 """After this many attempts in a row that came too late it asks for what it senses to be held."""
 HOLD_TRIES = 2 * MISSES
-"""After it has asked a keeper to hold so often it continues without."""
+"""After this many requests to hold, it continues without."""
 HOLD_TICKS = 20
 """This many ticks of the keepers it asks for at least, besides the time that it thinks."""
 

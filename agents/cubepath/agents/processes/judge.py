@@ -146,7 +146,7 @@ class Judge:
             refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
         modules = len(self._modules_of[said.process])
         if said.number >= modules:
-            # A verdict may come in a bundle of its own, and each module has one.
+            # Each verdict may come in a separate bundle, and each module has one.
             refuse(
                 "out of place",
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",

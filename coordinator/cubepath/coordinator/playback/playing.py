@@ -398,7 +398,7 @@ class ReplaySession:
     # Results.
 
     def status(self) -> PlayerStatus:
-        """Return where it stands; to be called by the player."""
+        """Return the player's position; for the player to call."""
         machine, reel = self._machine, self.reel
         ended = machine.ended
         following = reel.next(machine.mark)
