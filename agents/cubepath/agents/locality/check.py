@@ -35,7 +35,7 @@ from cubepath.agents.locality.plays import (
     PlayTask,
     WholeRun,
 )
-from cubepath.agents.rules.registry import is_in_file
+from cubepath.agents.rules.rule import RuleName
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.system import Scene, local_only
@@ -313,8 +313,8 @@ class Checker:
         clock: str = "lockstep",
     ) -> None:
         """Play nothing yet. A rule FILE.py:NAME is looked for from the current folder."""
-        file, _, name = rule.rpartition(":")
-        self._rule = f"{Path(file).resolve()}:{name}" if is_in_file(rule) else rule
+        file = RuleName.of(rule).file
+        self._rule = f"{Path(file).resolve()}{rule[len(file) :]}" if file else rule
         self._shown, self._seed, self._stage = rule, seed, stage
         self._progress = progress
         self._clock = clock

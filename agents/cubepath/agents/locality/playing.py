@@ -29,7 +29,7 @@ from cubepath.agents.locality.plays import (
 )
 from cubepath.agents.locality.traps import Traps, place
 from cubepath.agents.rules.actor import Actor
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -42,7 +42,7 @@ def played(task: PlayTask) -> PlayResult:
     """Play a task; it changes the process permanently."""
     os.chdir(task.folder)
     _surround(task.conditions.environment)
-    file = task.rule.rpartition(":")[0]
+    file = RuleName.of(task.rule).file
     home = {str(Path(file).resolve())} if file else set[str]()
     traps = Traps(task.conditions, home.__contains__)
     traps.install()

@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.descent import CROSSING, GEODESIC
+from cubepath.agents.rules.metropolis import METROPOLIS
 from cubepath.agents.rules.pibt import PIBT
-from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.rule import RuleName, RuleType
 from cubepath.agents.rules.tswap import TSWAP
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
@@ -38,7 +40,6 @@ if TYPE_CHECKING:
 
 RULE_MODULE = "cubepath_rule_"
 """How the names of the modules begin that such files become."""
-_SUFFIX = ".py"
 
 
 class _AsRead(SourceFileLoader):
@@ -54,8 +55,8 @@ class _AsRead(SourceFileLoader):
 
 
 def is_in_file(name: str) -> bool:
-    """Return whether a rule's name is of the form FILE.py:NAME."""
-    return name.rpartition(":")[0].endswith(_SUFFIX)
+    """Return whether a rule's name begins with FILE.py:NAME."""
+    return bool(RuleName.of(name).file)
 
 
 def permitted_rule(named: str, given: Collection[str] = ()) -> str:
@@ -68,7 +69,8 @@ def permitted_rule(named: str, given: Collection[str] = ()) -> str:
         return named
     for own in given:
         if stands_for(own, named):
-            return own
+            parts = RuleName.of(own)._replace(values=RuleName.of(named).values)
+            return ":".join(part for part in parts if part)
     raise InputError(
         f"rule {named!r} is in a file, which does not run because an input names it, expected also"
         " --rule FILE.py:NAME"
@@ -76,22 +78,25 @@ def permitted_rule(named: str, given: Collection[str] = ()) -> str:
 
 
 def stands_for(given: str, named: str) -> bool:
-    """Return whether a rule that you give, FILE.py:NAME, is the one that an input names."""
+    """Return whether a rule that you give, FILE.py:NAME, is the one that an input names.
+
+    The folder may differ, and so may the values of keys.
+    """
     return is_in_file(named) and _without_folder(given) == _without_folder(named)
 
 
 def check_rule_file(name: str) -> None:
     """Raise InputError unless a name is of the form FILE.py:NAME and that file is there."""
-    file = Path(name.rpartition(":")[0])
+    file = Path(RuleName.of(name).file)
     if not is_in_file(name):
         raise InputError(f"rule {name!r}: expected FILE.py:NAME of a rule in a file")
     if not file.is_file():
         raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule")
 
 
-def _without_folder(name: str) -> tuple[str, str]:
-    file, _, own = name.rpartition(":")
-    return PurePath(file).name, own
+def _without_folder(name: str) -> RuleName:
+    found = RuleName.of(name)
+    return found._replace(file=PurePath(found.file).name, values="")
 
 
 @cache
@@ -101,7 +106,7 @@ def rule_in_file(name: str) -> RuleType:
     The file is run once in a process, as a separate module, until `forget_rule_files`; it is not
     put on the search path. The `content` of the rule is that of the file, and its own.
     """
-    file, _, wanted = name.rpartition(":")
+    file, wanted, _ = RuleName.of(name)
     path = Path(file).resolve()
     try:
         text = path.read_bytes()
@@ -138,7 +143,9 @@ def forget_rule_files() -> None:
 GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
-BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
+BUILT_IN = {
+    rule.name: rule for rule in (RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC)
+}
 
 
 @cache
@@ -184,12 +191,23 @@ def _by_entry(name: str) -> RuleType | None:
 def find_rule(name: str) -> RuleType | None:
     """Return the rule of that name, or of the form FILE.py:NAME; None if there is none.
 
-    Other distributions are searched only for names that are not built in. InputError says what is
-    wrong with a file, or with an entry point.
+    Either may end with the values of its keys, as in ``metropolis:temperature=2``. Other
+    distributions are searched only for names that are not built in. InputError says what is wrong
+    with a value, a file, or an entry point.
     """
-    if is_in_file(name):
-        return rule_in_file(name)
-    return BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
+    parts = RuleName.of(name)
+    plain = parts.without_values
+    if parts.file:
+        found: RuleType | None = rule_in_file(plain)
+    else:
+        found = BUILT_IN.get(plain) or _by_entry(plain) or rules().get(plain)
+    return found.with_values(parts.values) if found is not None and parts.values else found
+
+
+def is_built_in(rule: RuleType) -> bool:
+    """Return whether a rule is one of the project's own, with whatever values."""
+    own = BUILT_IN.get(RuleName.of(rule.name).name)
+    return own is rule or (own is not None and bool(rule.keys) and own.keys is rule.keys)
 
 
 def unknown_rule(name: str) -> InputError:
@@ -268,7 +286,7 @@ def misfit(
     run, and no refusal. A rule from elsewhere is made only if you want `foreign` ones to be: it may
     end its process, so give it a separate one.
     """
-    if not foreign and BUILT_IN.get(rule.name) is not rule:
+    if not (foreign or is_built_in(rule)):
         return None
     last = len(scene.start) - 1
     tried = range(last + 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import RelativeObserver, relative_observer
 from cubepath.agents.rules.vector_rule import VectorKnowledge, VectorRule
 from cubepath.protocol.core.errors import InputError, RuleError
+from cubepath.protocol.core.parsing import Keys, all_values, given_values
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
@@ -129,11 +130,32 @@ class RuleType:
     Its choices and notes are those of the rules that `make` makes, so replacing one replaces the
     other. None if it does not know a system or scene: then each module is asked by itself.
     """
+    keys: Keys = field(default_factory=dict)
+    """The keys that may follow its name, as in ``metropolis:temperature=2``."""
+    configure: Callable[[Mapping[str, str]], RuleType] | None = None
+    """Make the rule for the values of all its keys; InputError for a wrong value."""
+    to_goal: bool = True
+    """Whether it leads towards the goal; False if modules wander, and may reach it by chance."""
     content: str = field(default="", compare=False, repr=False)
     """What the rule follows from beside code, as a hash of it: learned weights, a table.
 
     Sweeps take a rule with another content for another rule.
     """
+
+    def with_values(self, text: str) -> RuleType:
+        """Return the rule with the values of keys, as text: KEY=VALUE,...
+
+        InputError names a key that it does not have, or a wrong value.
+
+        >>> rule_named("metropolis", scene_from_spec("hex").system).with_values("cooling=1").name
+        'metropolis:cooling=1'
+        """
+        given = given_values(text, self.keys, f"rule {self.name!r}")
+        if self.configure is None:
+            return self
+        shown = ",".join(f"{key}={given[key]}" for key in self.keys if key in given)
+        rule = self.configure(all_values(given, self.keys))
+        return replace(rule, name=f"{self.name}:{shown}", keys=self.keys, configure=self.configure)
 
     @property
     def clocks(self) -> tuple[str, ...]:
@@ -173,6 +195,31 @@ class RuleType:
         except Exception as error:
             why = " ".join(f"{type(error).__name__}: {error}".split())
             raise RuleError(f"rule {self.name!r}: its note_length: {why}") from error
+
+
+class RuleName(NamedTuple):
+    """The parts of a rule's name: FILE.py:NAME:KEY=VALUE,... of which only NAME must be there."""
+
+    file: str
+    name: str
+    values: str
+
+    @classmethod
+    def of(cls, text: str) -> RuleName:
+        """Return the parts of a name.
+
+        >>> RuleName.of("mine.py:MINE:speed=2")
+        RuleName(file='mine.py', name='MINE', values='speed=2')
+        """
+        begin, _, last = text.rpartition(":")
+        named, values = (begin, last) if begin and "=" in last else (text, "")
+        file, _, own = named.rpartition(":")
+        return cls(file, own, values) if file.endswith(".py") else cls("", named, values)
+
+    @property
+    def without_values(self) -> str:
+        """Return the name without its values."""
+        return f"{self.file}:{self.name}" if self.file else self.name
 
 
 def _action(found: object, whose: str, other: str = "") -> int:

@@ -76,4 +76,5 @@ RANDOM = RuleType(
     make=make,
     free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
     vectorised=_make_all,
+    to_goal=False,
 )

@@ -23,7 +23,7 @@ from typing import TypeAlias
 from cubepath.agents.local.random_streams import HESITATE, RULE, stream
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import permitted_rule, rule_named, rules, stands_for
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.findings import Progress, Verification
@@ -396,7 +396,7 @@ class RuleAudit:
 
 def _is_known(name: str) -> bool:
     try:
-        return name in rules()
+        return RuleName.of(name).without_values in rules()
     except InputError:  # another distribution cannot be loaded, so it may have the rule
         return False
 

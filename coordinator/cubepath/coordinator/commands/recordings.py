@@ -175,7 +175,9 @@ def check_used(rules: Sequence[str], unused: Collection[str]) -> None:
     """Refuse a rule that no recording names: most likely it is another that you meant."""
     for rule in rules:
         if rule in unused:
-            file, _, name = rule.rpartition(":")
+            from cubepath.agents.rules.rule import RuleName  # noqa: PLC0415 - loads numpy
+
+            file, name, _ = RuleName.of(rule)
             raise InputError(
                 f"--rule {rule}: no recording names a rule {name} in a file {Path(file).name},"
                 " expected one that is named"

@@ -17,6 +17,7 @@ from cubepath.coordinator.commands.console import (
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
+from cubepath.protocol.core.parsing import Keys
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.agents.locality.check import LocalityReport
@@ -129,6 +130,7 @@ def _list(options: argparse.Namespace) -> int:
             {
                 "name": rule.name,
                 "summary": rule.summary,
+                "keys": _keys_document(rule.keys),
                 "source": rule.source,
                 "systems": fitting,
                 "clocks": list(rule.clocks),
@@ -137,12 +139,23 @@ def _list(options: argparse.Namespace) -> int:
         )
         lines += [
             f"{rule.name}: {rule.summary}",
+            *_key_lines(rule.keys),
             f"    for {', '.join(fitting)}",
             f"    clocks: {', '.join(rule.clocks)}" + (f"; without rounds: {free}" if free else ""),
             f"    source: {rule.source}",
         ]
     answer(options, document, "\n".join(lines))
     return DONE
+
+
+def _keys_document(keys: Keys) -> dict[str, dict[str, str]]:
+    return {
+        key: {"default": default, "summary": summary} for key, (default, summary) in keys.items()
+    }
+
+
+def _key_lines(keys: Keys) -> list[str]:
+    return [f"    {key}={default:<6} {summary}" for key, (default, summary) in keys.items()]
 
 
 def add_system_list(parser: argparse.ArgumentParser) -> None:
@@ -158,18 +171,13 @@ def _list_systems(options: argparse.Namespace) -> int:
             "name": family.name,
             "summary": family.summary,
             "rule": family.rule,
-            "keys": {
-                key: {"default": default, "summary": summary}
-                for key, (default, summary) in family.keys.items()
-            },
+            "keys": _keys_document(family.keys),
         }
         for family in all_families().values()
     ]
     lines = []
     for family in all_families().values():
         rule = f" (rule {family.rule})" if family.rule else ""
-        lines.append(f"{family.name}: {family.summary}{rule}")
-        for key, (default, summary) in family.keys.items():
-            lines.append(f"    {key}={default:<6} {summary}")
+        lines += [f"{family.name}: {family.summary}{rule}", *_key_lines(family.keys)]
     answer(options, document, "\n".join(lines))
     return DONE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -121,7 +122,10 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
 
 
 def _split(several: Iterable[str] | None) -> list[str] | None:
-    return None if several is None else [each for text in several for each in text.split(",")]
+    """Return names separated by commas; one before KEY=VALUE belongs to the name before it."""
+    if several is None:
+        return None
+    return [each for text in several for each in re.split(r",(?!\w+=)", text)]
 
 
 def _share(text: str) -> float:

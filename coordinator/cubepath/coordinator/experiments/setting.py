@@ -22,8 +22,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from cubepath.agents.rules.registry import BUILT_IN, RULE_MODULE, find_rule, is_in_file
-from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.registry import BUILT_IN, RULE_MODULE, find_rule
+from cubepath.agents.rules.rule import RuleName, RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -38,12 +38,13 @@ def source_hash(rule: str) -> str:
     and the policy are that it is made of; it is of what was loaded, whatever is there now.
     InputError if there is no such rule.
     """
-    if rule in BUILT_IN:
+    named = RuleName.of(rule)
+    if named.without_values in BUILT_IN:
         return ""
     found = find_rule(rule)
     if found is None:
         raise InputError(f"unknown rule {rule!r}")
-    own = Path(rule.rpartition(":")[0]).resolve() if is_in_file(rule) else None
+    own = Path(named.file).resolve() if named.file else None
     others = {_file_hash(path) for path in _files(found) if path != own}
     told = " ".join([found.content, *sorted(others)])
     return sha256(told.encode()).hexdigest()[:_DIGITS]

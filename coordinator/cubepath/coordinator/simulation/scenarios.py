@@ -13,7 +13,15 @@ from math import ceil, sqrt
 from random import Random
 from typing import Literal
 
-from cubepath.agents.rules.registry import BUILT_IN, fitting_rules, rule_for, rule_named, rules
+from cubepath.agents.rules.registry import (
+    find_rule,
+    fitting_rules,
+    is_built_in,
+    rule_for,
+    rule_named,
+    rules,
+    unknown_rule,
+)
 from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
@@ -182,13 +190,15 @@ def check(asked: ScenarioOptions) -> None:
             rule_named(asked.rule, scene.system, asked.clock)
             if asked.system not in INSTANCES:
                 rule_for(asked.rule, scene, asked.clock)
-    elif asked.rule is not None and asked.rule not in rules():
-        raise InputError(f"unknown rule {asked.rule!r}, expected one of {', '.join(rules())}")
-    elif asked.rule is not None and asked.clock not in rules()[asked.rule].clocks:
-        names = ", ".join(rule.name for rule in rules().values() if asked.clock in rule.clocks)
-        raise InputError(
-            f"not for the {asked.clock} clock: rule {asked.rule!r}, expected one of {names}"
-        )
+    elif asked.rule is not None:
+        rule = find_rule(asked.rule)
+        if rule is None:
+            raise unknown_rule(asked.rule)
+        if asked.clock not in rule.clocks:
+            names = ", ".join(rule.name for rule in rules().values() if asked.clock in rule.clocks)
+            raise InputError(
+                f"not for the {asked.clock} clock: rule {asked.rule!r}, expected one of {names}"
+            )
 
 
 def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
@@ -197,6 +207,7 @@ def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     spec = drawn_system(asked, random)
     scene = built(spec)
     rule = asked.rule or random.choice(fitting_rules(scene, foreign=True))
+    found = find_rule(rule)
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
     return Scenario(
@@ -204,7 +215,7 @@ def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
         rule=rule,
         processes=random.randint(1, min(modules, _PROCESSES_MAX)),
         hesitate=random.choice(_HESITATE),
-        max_rounds=random.randint(*_WITHOUT_GOAL) if rule == "random" else to_goal,
+        max_rounds=to_goal if found is None or found.to_goal else random.randint(*_WITHOUT_GOAL),
         seed=random.randrange(1 << 16),
     )
 
@@ -302,7 +313,8 @@ class FreeScenario:
         """Return whether the rule moves towards a goal; those of other people may not."""
         if self.ends_at_goal is not None:
             return self.ends_at_goal
-        return self.rule in BUILT_IN and self.rule != "random"
+        own = find_rule(self.rule)
+        return own is not None and is_built_in(own) and own.to_goal
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""

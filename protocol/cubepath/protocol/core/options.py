@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from types import NoneType
@@ -18,6 +18,7 @@ from typing import (
     Literal,
     SupportsFloat,
     SupportsIndex,
+    TypeVar,
     get_args,
     get_origin,
     get_type_hints,
@@ -27,6 +28,9 @@ from msgspec import Meta
 
 from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.parsing import Keys
+
+_O = TypeVar("_O")
 
 
 def whole_number(
@@ -162,3 +166,28 @@ def check_options(options: Any) -> None:
     struct: type = type(options)
     for name, field in option_fields(struct).items():
         field.check(getattr(options, name))
+
+
+def keys_of(struct: type) -> Keys:
+    """Return the options of a dataclass as keys that a name may have, with their defaults."""
+    defaults = {field.name: field.default for field in fields(struct)}
+    return {
+        name.rstrip("_"): (str(defaults[name]), field.meta.description or "")
+        for name, field in option_fields(struct).items()
+    }
+
+
+def options_from_values(struct: type[_O], values: Mapping[str, str]) -> _O:
+    """Return the dataclass whose numbers have these values; InputError names a wrong one."""
+    found: dict[str, float] = {}
+    kind: type = struct
+    for name, field in option_fields(kind).items():
+        key = name.rstrip("_")
+        try:
+            found[name] = field.kind(values[key])
+            field.check(found[name], key)
+        except ValueError:
+            raise InputError(f"{key}={values[key]}: expected a number, {field.expected}") from None
+        except OptionError as error:
+            raise InputError(str(error)) from None
+    return struct(**found)

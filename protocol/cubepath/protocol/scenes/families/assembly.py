@@ -178,6 +178,7 @@ FAMILIES = (
         },
         _assembly,
         TabledSystem,
+        "geodesic",
         one_class=_is_assembly,
     ),
 )

@@ -239,6 +239,7 @@ FAMILIES = (
         },
         _polygon,
         FlipSystem,
+        "crossing",
     ),
     Family(
         "triangulation",
@@ -256,6 +257,7 @@ FAMILIES = (
         },
         _triangulation,
         FlipSystem,
+        "crossing",
         is_file=lambda key, value: key == "points" and bool(value),
     ),
 )

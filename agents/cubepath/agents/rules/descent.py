@@ -1,0 +1,146 @@
+"""The rules `crossing` and `geodesic`: a module takes a legal move that brings it nearer.
+
+It keeps nothing in mind and says nothing. It senses only whether its own moves are legal, and knows
+its goals; how far it is from them is `OwnPotential`. Under both rules some module has such a move
+while the goal is not reached, and every such move lowers the sum of the potentials, so the goal is
+reached after at most as many moves as that sum. In every round the claim that outranks all others
+is granted, so hesitation and lost claims cost rounds and nothing else. Without rounds a move
+is committed only if it is admissible, so each commit lowers the sum, whatever it was chosen on;
+while none is committed every module comes to see what holds, and the next attempt of one that can
+come nearer succeeds.
+
+`crossing`, for triangulations: a diagonal flips if the new one crosses fewer edges of the goal.
+Source: Hanke, Ottmann and Schuierer, The edge-flipping distance of triangulations (1996), who show
+that some flip lowers the number of crossings while there are any. The number of rounds is not the
+least: it was 1.10 times the proved optimum in the mean over 20 random scenes of 30 to 60 points.
+
+`geodesic`, for systems whose states are order ideals: a place changes its letter towards its letter
+in the goal. Source: geodesics of CAT(0) cube complexes, Niblo and Reeves (1998); Ardila, Owen and
+Sullivant (2012). Each place goes through its letters in a line, one at a time; a *step* is that it
+goes from one to the next. Some steps *need* others: a move that makes a step reads that what it
+needs is made, and that what needs it is not (`makes_ideals` checks this). So the states that are
+reached from an ideal, a set of steps that holds all that its steps need, are all ideals; the start
+and the goal of a scene are ideals. Let I be the state and G the goal.
+
+- A step in I and not in G that no other such step needs can be undone: whatever needs it is not in
+  G, so not in I. A step in G and not in I that needs no other such step can be made. So I and G
+  differ by one step less after each move, and there is such a move while they differ. These are the
+  moves that cross a hyperplane that separates I from G, since a hyperplane is a step.
+- Such moves commute. If those of the steps s and t did not, one would need the other, say t needs
+  s. Both are made: then s is made before t can be. Both are undone: then t is undone first. If s is
+  undone, t is in I or in G only if s is, so t is made only if s is in G: s is not undone.
+- So no claim is ever lost. A step is made, or undone, as soon as all that must precede it are, each
+  of which takes a round in every path: the number of rounds is the least possible.
+
+The positive arm is such a system, too, with segments in place of places; its rule is `word`, which
+needs no neighbour that says which height it has.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TypeAlias
+
+from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules.potential import OwnPotential
+from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import System
+
+
+def make(knowledge: InitialKnowledge) -> Rule:
+    """Return the rule of one module; InputError if it knows no goal."""
+    if not knowledge.goals:
+        raise InputError(f"module_{knowledge.module} has no goal to come nearer to")
+    potential = OwnPotential(knowledge)
+
+    def choose(view: View) -> int:
+        here = potential.of(view.site)
+        nearer = (action for action, move in view.legal() if potential.of(move.target) < here)
+        return next(nearer, STAY)
+
+    return choose
+
+
+_Step: TypeAlias = tuple[Site, int]
+"""A place, and the number of the letter that it goes to from the one before."""
+
+
+@lru_cache(maxsize=8)
+def makes_ideals(system: System) -> bool:
+    """Return whether the states are order ideals of steps, as `geodesic` needs it.
+
+    >>> makes_ideals(scene_from_spec("assembly").system)
+    True
+    >>> makes_ideals(scene_from_spec("words").system)
+    False
+    """
+    needs: set[tuple[_Step, _Step]] = set()
+    precedes: set[tuple[_Step, _Step]] = set()
+    made: set[_Step] = set()
+    for place in system.places if system.letters else ():
+        for number in range(len(system.letters) - 1):
+            for move in system.moves_at((place, system.letters[number])):
+                if move.target == (place, _before(system, number)):
+                    continue
+                step = place, number + 1
+                ranges = _ranges(system, move, number)
+                if ranges is None or step in made:
+                    return False
+                made.add(step)
+                for other, least, most in ranges:
+                    if least:
+                        needs.add((step, (other, least)))
+                    if most < len(system.letters) - 1:
+                        precedes.add(((other, most + 1), step))
+    return bool(made) and needs == precedes
+
+
+def _before(system: System, number: int) -> str | None:
+    """Return the letter before that of this number."""
+    return system.letters[number - 1] if number else None
+
+
+def _ranges(system: System, move: Move, number: int) -> list[tuple[Site, int, int]] | None:
+    """Return between which letters, by number, each other place that a move reads must be.
+
+    None if the move does not just take its place from letter `number` to the next one.
+    """
+    place, action = system.place_of(move.source), move.action
+    step = ((place, system.letters[number]), (place, system.letters[number + 1]))
+    if move.motion != (step,) or action.trace != {*step} or action.free or action.guards:
+        return None
+    (on,) = [end for end in action.ends if step[0] in end]
+    found = []
+    for other in in_order({system.place_of(site) for site in action.reads}):
+        sites = [(other, letter) for letter in system.letters]
+        allowed = [at for at, site in enumerate(sites) if site in on] or [
+            at for at, site in enumerate(sites) if site not in action.support
+        ]
+        if not allowed or allowed[-1] - allowed[0] != len(allowed) - 1 or other == place:
+            return None
+        found.append((other, allowed[0], allowed[-1]))
+    return found
+
+
+CROSSING = RuleType(
+    name="crossing",
+    summary="a diagonal flips if the new one crosses fewer edges of the goal",
+    source="Hanke, Ottmann and Schuierer, The edge-flipping distance of triangulations",
+    fits=lambda system: system.table == "triangulation",
+    make=make,
+    free=FreeRule(why="each commit lowers the number of crossings, and some flip always can"),
+)
+
+GEODESIC = RuleType(
+    name="geodesic",
+    summary="a place changes its letter towards the goal as soon as what this needs is there",
+    source="Niblo and Reeves; Ardila, Owen and Sullivant: geodesics of CAT(0) cube complexes",
+    fits=makes_ideals,
+    make=make,
+    free=FreeRule(
+        why="each commit crosses a hyperplane that separates from the goal, and some can"
+    ),
+)
