@@ -123,6 +123,13 @@ def streams_of(seeds: Sequence[int], modules: int, purpose: int) -> Streams:
     return found
 
 
+def draws(streams: Streams, playing: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Draw 64 bits from each stream where `playing`, whose shape broadcasts to theirs."""
+    found: NDArray[np.uint64] = hashed(streams, np.uint64(0))
+    streams += np.where(playing, np.uint64(_STEP), np.uint64(0))
+    return found
+
+
 @compiled
 def _draw(streams: Streams, environment: int, module: int) -> np.uint64:
     found: np.uint64 = hashed_compiled(streams[environment, module], _word(0))

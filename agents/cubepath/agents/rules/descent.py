@@ -110,7 +110,7 @@ def _ranges(system: System, move: Move, number: int) -> list[tuple[Site, int, in
     """
     place, action = system.place_of(move.source), move.action
     step = ((place, system.letters[number]), (place, system.letters[number + 1]))
-    if move.motion != (step,) or action.trace != {*step} or action.free or action.guards:
+    if move.motion != (step,) or len(action.trace) > len(step) or action.free or action.guards:
         return None
     (on,) = [end for end in action.ends if step[0] in end]
     found = []
@@ -129,7 +129,7 @@ CROSSING = RuleType(
     name="crossing",
     summary="a diagonal flips if the new one crosses fewer edges of the goal",
     source="Hanke, Ottmann and Schuierer, The edge-flipping distance of triangulations",
-    fits=lambda system: system.table == "triangulation",
+    fits=lambda system: system.descends,
     make=make,
     free=FreeRule(why="each commit lowers the number of crossings, and some flip always can"),
 )

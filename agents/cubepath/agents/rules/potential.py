@@ -6,7 +6,7 @@ to the nearest site of the goal along the ways of the system, whatever stands on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cache, lru_cache, partial
 from typing import TypeAlias
 
@@ -90,19 +90,22 @@ class OwnPotential:
 
     def __init__(self, knowledge: InitialKnowledge) -> None:
         """Take what a module knows from the start."""
-        self._system, label = knowledge.system, knowledge.label
+        system, label = knowledge.system, knowledge.label
         goals = [goal if label is None else (goal, label) for goal in knowledge.goals]
-        measures = _measures(self._system)
-        self._whole = measures.whole(tuple(goals))
-        self._goals = [(self._system.place_of(goal), measures.to(goal)) for goal in goals]
+        measures = _measures(system)
+        whole = measures.whole(tuple(goals))
+        self.goals: Sequence[tuple[Site | None, Distance]] = (
+            [(system.place_of(goal), measures.to(goal)) for goal in goals]
+            if whole is None
+            else [(None, whole)]
+        )
+        """The place of each goal, and how far sites are from it; None for all of them together."""
 
     def of(self, site: Site, taken: Collection[Site] = ()) -> int:
         """Return how far a site is from the nearest goal; 0 if there is no way to any.
 
         Goals at the places that are `taken` do not count, unless all are.
         """
-        if self._whole is not None:
-            return self._whole(site) or 0
-        free = [far for place, far in self._goals if place not in taken]
-        found = [far(site) for far in free] or [far(site) for _, far in self._goals]
+        free = [far for place, far in self.goals if place not in taken]
+        found = [far(site) for far in free or [far for _, far in self.goals]]
         return min((each for each in found if each is not None and each >= 0), default=0)

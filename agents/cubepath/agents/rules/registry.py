@@ -25,6 +25,7 @@ from cubepath.agents.rules.metropolis import METROPOLIS
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleName, RuleType
 from cubepath.agents.rules.tswap import TSWAP
+from cubepath.agents.rules.tunnel import TUNNEL
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.errors import InputError, RuleError
@@ -144,7 +145,8 @@ GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
 BUILT_IN = {
-    rule.name: rule for rule in (RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC)
+    rule.name: rule
+    for rule in (RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL)
 }
 
 

@@ -163,6 +163,9 @@ class System(ABC):
     """False if a rule for the whole aggregate also decides (`legal`): such a system has a complex,
     but no environment, no runs and no shortening."""
 
+    descends: bool = False
+    """Whether some move lowers the sum of the `potential` from every state but the goal."""
+
     @abstractmethod
     def to_table(self) -> dict[str, Any]:
         """Return the content of this system's TOML table: plain lists, strings and numbers."""

@@ -56,6 +56,7 @@ class FlipSystem(System):
 
     table: ClassVar[str] = "triangulation"
     drawing = "chords"
+    descends = True
 
     def __init__(self, points: Iterable[Point]) -> None:
         """Check the points; raise InputError for what is wrong with them."""

@@ -84,6 +84,7 @@ _TUNNEL = (
         },
         _tunnel,
         LatticeSystem,
+        "tunnel",
     ),
 )
 
