@@ -57,7 +57,8 @@ def _drawn(seen: VectorView, streams: Streams) -> tuple[NDArray[np.int64], NDArr
     # The legal action of this index; the one past the last is to stay.
     reached = legal.cumsum(axis=2) == (index + 1)[..., None]
     actions = np.where(index < count, reached.argmax(axis=2) + 1, 0)
-    return actions, (draws(streams, playing) >> np.uint64(11)) * 2.0**-53
+    chances = (draws(streams, playing) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    return actions, chances
 
 
 def _taken(codes: NDArray[np.int32], slots: NDArray[np.int32], goals: int) -> NDArray[np.bool_]:
