@@ -9,18 +9,24 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from cubepath.agents.local.observation import STAY, Note, View
+from cubepath.agents.local.observation import STAY, Note, View, is_legal
 from cubepath.agents.local.random_streams import RandomStream
 from cubepath.agents.local.relative import RelativeObserver, relative_observer
+from cubepath.agents.rules.limits import RuleLimits, WrongSensing
 from cubepath.agents.rules.vector_rule import VectorKnowledge, VectorRule
 from cubepath.protocol.core.errors import InputError, RuleError
+from cubepath.protocol.core.options import keys_of, options_from_values
 from cubepath.protocol.core.parsing import Keys, all_values, given_values
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
+
+LIMITS = keys_of(RuleLimits)
+"""The keys that may follow the name of any rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +137,8 @@ class RuleType:
     other. None if it does not know a system or scene: then each module is asked by itself.
     """
     keys: Keys = field(default_factory=dict)
-    """The keys that may follow its name, as in ``metropolis:temperature=2``."""
+    """The keys that may follow its name, as in ``metropolis:temperature=2``; those of `RuleLimits`
+    follow any name."""
     configure: Callable[[Mapping[str, str]], RuleType] | None = None
     """Make the rule for the values of all its keys; InputError for a wrong value."""
     to_goal: bool = True
@@ -150,12 +157,13 @@ class RuleType:
         >>> rule_named("metropolis", scene_from_spec("hex").system).with_values("cooling=1").name
         'metropolis:cooling=1'
         """
-        given = given_values(text, self.keys, f"rule {self.name!r}")
-        if self.configure is None:
-            return self
-        shown = ",".join(f"{key}={given[key]}" for key in self.keys if key in given)
-        rule = self.configure(all_values(given, self.keys))
-        return replace(rule, name=f"{self.name}:{shown}", keys=self.keys, configure=self.configure)
+        keys = {**self.keys, **LIMITS}
+        given = given_values(text, keys, f"rule {self.name!r}")
+        shown = ",".join(f"{key}={given[key]}" for key in keys if key in given)
+        values = all_values(given, keys)
+        rule = self if self.configure is None else self.configure(values)
+        limited = rule if given.keys() <= self.keys.keys() else _limited(rule, values)
+        return replace(limited, name=f"{self.name}:{shown}", keys=self.keys)
 
     @property
     def clocks(self) -> tuple[str, ...]:
@@ -195,6 +203,47 @@ class RuleType:
         except Exception as error:
             why = " ".join(f"{type(error).__name__}: {error}".split())
             raise RuleError(f"rule {self.name!r}: its note_length: {why}") from error
+
+
+def _limited(rule: RuleType, values: Mapping[str, str]) -> RuleType:
+    """Return the rule under the limits that these values set."""
+    limits = options_from_values(RuleLimits, values)
+    free = None
+    if rule.free is not None:
+        free = replace(rule.free, make=partial(_under, rule, limits, "free"))
+    make = partial(_under, rule, limits, "lockstep")
+    return replace(rule, make=make, free=free, vectorised=None, to_goal=False)
+
+
+def _under(rule: RuleType, limits: RuleLimits, clock: str, knowledge: InitialKnowledge) -> Rule:
+    inner = rule.made(knowledge, clock)
+    if limits.misread:
+        inner = _misled(inner, WrongSensing(limits.misread, knowledge.stream.key))
+    left = limits.notes
+    last: Note | None = None
+
+    def choose(view: View) -> Choice:
+        nonlocal left, last
+        choice = as_choice(inner(view))
+        if choice.note is None or tuple(choice.note) == last:
+            return choice
+        if not left:
+            return replace(choice, note=None, exchanges={})
+        left, last = left - 1, tuple(choice.note)
+        return choice
+
+    return choose
+
+
+def _misled(inner: Rule, sensing: WrongSensing) -> Rule:
+    def choose(view: View) -> Choice:
+        try:
+            choice = as_choice(inner(sensing.of(view)))
+        except Exception:  # noqa: BLE001 - what it sees may be impossible, so anything may fail
+            return Choice()
+        return choice if is_legal(view.mask, choice.action) else replace(choice, action=STAY)
+
+    return choose
 
 
 class RuleName(NamedTuple):

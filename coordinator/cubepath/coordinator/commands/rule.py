@@ -108,6 +108,7 @@ def add_rule_list(parser: argparse.ArgumentParser) -> None:
 
 def _list(options: argparse.Namespace) -> int:
     from cubepath.agents.rules.registry import misfit, rules  # noqa: PLC0415
+    from cubepath.agents.rules.rule import LIMITS  # noqa: PLC0415
     from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
@@ -144,6 +145,7 @@ def _list(options: argparse.Namespace) -> int:
             f"    clocks: {', '.join(rule.clocks)}" + (f"; without rounds: {free}" if free else ""),
             f"    source: {rule.source}",
         ]
+    lines += ["any rule:", *_key_lines(LIMITS)]
     answer(options, document, "\n".join(lines))
     return DONE
 
