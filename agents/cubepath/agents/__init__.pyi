@@ -26,6 +26,7 @@ from cubepath.agents.local.random_streams import (
 from cubepath.agents.locality.check import check_rule as check_rule
 from cubepath.agents.rendering.pictures import draw_text as draw_text
 from cubepath.agents.rules.policy import policy_rule as policy_rule
+from cubepath.agents.rules.potential import SiteDistances as SiteDistances
 from cubepath.agents.rules.registry import rule_named as rule_named
 from cubepath.agents.rules.rule import (
     Choice as Choice,
