@@ -24,6 +24,7 @@ import numpy as np
 from cubepath.coordinator.experiments.rows import (
     AGAIN,
     FAILURES,
+    LATER_COLUMNS,
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
@@ -341,8 +342,11 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 def _read(path: Path, columns: Iterable[str]) -> list[Row]:
     pa = arrow()
+    wanted = list(columns)
     try:
-        found: list[Row] = pa.parquet.read_table(path, columns=list(columns)).to_pylist()
+        held = pa.parquet.read_schema(path).names
+        asked = [name for name in wanted if name in held or name not in LATER_COLUMNS]
+        found: list[Row] = pa.parquet.read_table(path, columns=asked).to_pylist()
     except (OSError, pa.ArrowException) as error:
         raise unreadable(path, error) from None
-    return found
+    return [{name: row.get(name) for name in wanted} for row in found] if asked != wanted else found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -31,7 +31,8 @@ any more, a rule gave up, or a fault ended it; it was an error of code, or its p
 class PlayedRun:
     """The path of a run in arrays, and how it ended.
 
-    `moves` has for each move the number of its kind, and `measures` for each kind how it changes
+    `costs` is the sum of costs, the rounds up to its last move summed over all modules. `moves`
+    has for each move the number of its kind, and `measures` for each kind how it changes
     what is missing at the goal and the distance, shape (2, kinds). `ends` has the number of moves
     up to the end of each round, or level. `conflicts` counts the lost claims of each round; None
     where they are not known.
@@ -41,6 +42,7 @@ class PlayedRun:
     measures: NDArray[np.int64]
     ends: NDArray[np.int64]
     sites: Sequence[Site]
+    costs: int
     reduced: int
     cubes: int
     largest_cube: int
@@ -54,6 +56,16 @@ class PlayedRun:
     time: float | None = None
     recording: str | None = None
     seconds: float = 0.0
+
+
+def sum_of_costs(movers: Iterable[int], ends: NDArray[np.int64]) -> int:
+    """Return the rounds up to each module's last move, summed; `movers` are in order of moves.
+
+    >>> sum_of_costs([0, 1, 0], np.array([2, 2, 3]))
+    4
+    """
+    rounds = np.repeat(np.arange(1, len(ends) + 1), np.diff(ends, prepend=0)).tolist()
+    return sum(dict(zip(movers, rounds, strict=True)).values())
 
 
 def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
@@ -84,6 +96,7 @@ def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
         and ended in (MAX_ROUNDS, BLOCKED, GAVE_UP),
         "rounds": len(counts),
         "moves": len(played.moves),
+        "costs": played.costs,
         "reduced": played.reduced,
         "cubes": played.cubes,
         "largest_cube": played.largest_cube,

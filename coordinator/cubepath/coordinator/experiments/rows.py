@@ -40,6 +40,7 @@ RUN_COLUMNS: Mapping[str, str] = {
     "stuck": "bool",
     "rounds": "int64",
     "moves": "int64",
+    "costs": "int64",
     "reduced": "int64",
     "cubes": "int64",
     "largest_cube": "int64",
@@ -67,6 +68,8 @@ ROUND_COLUMNS: Mapping[str, str] = {
     "distance": "int64",
 }
 """The columns of a round; `id` is that of its run, and rounds count from 1."""
+LATER_COLUMNS = ("costs",)
+"""Columns of a run that folders of earlier versions lack: there they are unknown."""
 PREVENTED = "prevented"
 """How a run ends that could not be played, or kept, where it was to be, by no fault of its own."""
 TIMEOUT = "timeout"
