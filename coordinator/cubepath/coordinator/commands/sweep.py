@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cubepath.coordinator.commands.console import (
     DONE,
@@ -30,6 +30,7 @@ from cubepath.protocol.core.options import option_fields
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
 
+Value = TypeVar("Value")
 _TOLD_MAX = 5
 """The most lines that are printed of a kind; the document has all."""
 
@@ -43,7 +44,7 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
         metavar="SYSTEM",
         help="systems as for 'cubepath run', with ranges and lists in their keys, as in"
         " hex:n=4..40 or agv:graph=K5,C8,n=2; 'standard' for the standard set; or one SPEC.toml"
-        " with all of a sweep",
+        " with all of a sweep, or one of instances-1, movingai-1 and pogema-1",
     )
     sweep.add_argument(
         "--rule",
@@ -89,6 +90,9 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
     names = ("core", "timeout_s", "processes", "keepers", "optimum", "improve")
     add_fields(more, SweepOptions, *names)
     more.add_argument(
+        "--data", metavar="DIR", help="folder of the files that the systems name, as POGEMA's maps"
+    )
+    more.add_argument(
         "--connect", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
     )
 
@@ -115,6 +119,7 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         else [_share(text) for text in options.hesitate.split(",")],
         "faults": options.faults,
         "seeds": options.seeds,
+        "data": options.data,
     }
     given_lists = {key: value for key, value in named.items() if value is not None}
     return given_lists | given(options, option_fields(SweepOptions))
@@ -266,12 +271,34 @@ def add_report(report: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
     )
 
+    report.add_argument(
+        "--pool",
+        metavar="KEY,...",
+        help="count scenes that differ in these keys alone, as seed, as replicates of one setting"
+        " (default: what the sweep's file says)",
+    )
+    report.add_argument(
+        "--columns", metavar="NAME,...", help="show tables that have these columns, and no others"
+    )
+    report.add_argument(
+        "--axes", metavar="X,Y", help="draw one plot, of these columns, as in modules,costs"
+    )
+    report.add_argument("--size", metavar="W,H", help="width and height of each plot in inches")
+    report.add_argument("--pdf", action="store_true", help="write plots as PDF too, without titles")
+
 
 def _report(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.experiments.report import write_report  # noqa: PLC0415
+    from cubepath.coordinator.experiments.report import ReportOptions, write_report  # noqa: PLC0415
 
+    shown = ReportOptions(
+        pool=None if options.pool is None else _names(options.pool),
+        columns=_names(options.columns),
+        axes=_two("axes", options.axes, str),
+        size=_two("size", options.size, float),
+        pdf=options.pdf,
+    )
     with progress_bar(None, "report", ""):
-        report = write_report(options.folder, options.out)
+        report = write_report(options.folder, options.out, shown)
     lines = [line for table in report.tables for line in _table_lines(table)]
     if report.older:
         lines.append(
@@ -280,6 +307,21 @@ def _report(options: argparse.Namespace) -> int:
     lines += [f"written to {path}" for path in report.files[:1]]
     answer(options, report.document(), "\n".join(map(visible, lines)))
     return DONE
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    return tuple(text.split(",")) if text else ()
+
+
+def _two(key: str, text: str | None, read: Callable[[str], Value]) -> tuple[Value, Value] | None:
+    """Return two values that an option has with a comma between; None without the option."""
+    if text is None:
+        return None
+    try:
+        one, other = map(read, text.split(","))
+    except ValueError:
+        raise OptionError(f"{key}: found {text!r}, expected two values with a comma") from None
+    return one, other
 
 
 def _table_lines(table: ReportTable) -> list[str]:

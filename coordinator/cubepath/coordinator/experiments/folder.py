@@ -19,8 +19,10 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any, Self
 
+import msgspec
 import numpy as np
 
+from cubepath.coordinator.experiments.published import ReportNotes
 from cubepath.coordinator.experiments.rows import (
     AGAIN,
     FAILURES,
@@ -147,22 +149,29 @@ class SweepFolder:
             )
         self._mark([])
 
-    def _mark(self, versions: Sequence[str]) -> None:
-        told = {"format": _FORMAT, "versions": list(versions)}
+    def _mark(self, versions: Sequence[str], notes: ReportNotes | None = None) -> None:
+        more = msgspec.to_builtins(notes or ReportNotes())
+        told = {"format": _FORMAT, "versions": list(versions), "notes": more}
         with written_whole(self.folder / MARK) as stream:
             stream.write(json.dumps(told, indent=1).encode())
 
     def begin(
-        self, batches: Iterable[RunBatch], timeout_s: float | None = None
+        self,
+        batches: Iterable[RunBatch],
+        timeout_s: float | None = None,
+        notes: ReportNotes | None = None,
     ) -> dict[str, str | None]:
         """Note that these are played now; return the recordings of finished runs by their ids.
+
+        The `notes` are for reports; without any, those of the sweep before are kept.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
         One that died or was prevented is none of them: it may have been the machine. Nor is one
         that was over its limit of time, if the limit is longer now, or there is none.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
-        self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
+        notes = notes or read_notes(self.folder)
+        self._mark([*(each for each in read_mark(self.folder) if each not in now), *now], notes)
         known: dict[str, str | None] = {}
         for part in self._whole_parts():
             for row in _read(part, ("id", "ended", "recording", "seconds")):
@@ -240,12 +249,20 @@ def read_mark(folder: Path) -> list[str]:
 
     A version is that of the code, with what the scene and the rule were then.
     """
+    return _read_mark(folder)[0]
+
+
+def read_notes(folder: Path) -> ReportNotes:
+    """Return what the last sweep with any notes says about reports; InputError as `read_mark`."""
+    return _read_mark(folder)[1]
+
+
+def _read_mark(folder: Path) -> tuple[list[str], ReportNotes]:
     mark = file_within(folder, MARK)
     try:
         told = json.loads(mark.read_bytes())
         if told["format"] == _FORMAT:
-            versions: list[str] = told["versions"]
-            return versions
+            return told["versions"], msgspec.convert(told.get("notes", {}), ReportNotes)
     except FileNotFoundError:
         raise InputError(f"{folder}: has no {MARK}, expected the folder of a sweep") from None
     except OSError as error:

@@ -18,8 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark, unreadable
-from cubepath.coordinator.experiments.plots import INK, Plot, plots_of
+from cubepath.coordinator.experiments.folder import (
+    arrow,
+    parts_of,
+    read_mark,
+    read_notes,
+    unreadable,
+)
+from cubepath.coordinator.experiments.plots import INK, MEASURES, Plot, plots_of
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import (
@@ -29,10 +35,10 @@ from cubepath.coordinator.experiments.tables import (
     pairs_table,
     price_table,
     runs_table,
-    short_rules,
+    short_names,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.formatting import counted
+from cubepath.protocol.core.formatting import counted, did_you_mean
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
 
@@ -144,7 +150,40 @@ class SweepReport:
         }
 
 
-def write_report(folder: Path | str, out: Path | str | None = None) -> SweepReport:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions:
+    """What a report shows.
+
+    Scenes that differ in the keys of `pool` alone, as ``seed``, are replicates of one setting; None
+    takes what the sweep's file says. With `columns`, tables have these alone, and those without one
+    of them are left out. With `axes`, the one plot has these two columns, across and up. `size` is
+    that of a plot in inches. With `pdf`, plots are written as PDF, too.
+    """
+
+    pool: tuple[str, ...] | None = None
+    columns: tuple[str, ...] = ()
+    axes: tuple[str, str] | None = None
+    size: tuple[float, float] | None = None
+    pdf: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the axes and the size; InputError names what is wrong."""
+        for name in self.axes or ():
+            if name not in MEASURES:
+                near = did_you_mean(name, MEASURES)
+                raise InputError(
+                    f"axes: unknown {name!r}{near}, expected two of {', '.join(MEASURES)}"
+                )
+        if self.size is not None and not all(1 <= each <= _SIZE_MAX for each in self.size):
+            raise InputError(f"size: found {self.size}, expected 1 to {_SIZE_MAX} inches")
+
+
+_SIZE_MAX = 100
+
+
+def write_report(
+    folder: Path | str, out: Path | str | None = None, options: ReportOptions | None = None
+) -> SweepReport:
     """Write the report on a sweep's folder: a page, and each plot as SVG and PNG.
 
     The files are written to `out`, by default the folder ``report`` in that of the sweep. Returns
@@ -164,13 +203,17 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> SweepRepo
     check_output_folder(target)
     last = _of_last_versions(results.rows, read_mark(Path(folder)))
     older = len(results.rows) - len(last)
-    rows = short_rules(last)
-    tables = tuple(make(rows) for make in (runs_table, price_table, pairs_table, growth_table))
-    plots = plots_of(rows, distances(Path(folder), {row["id"] for row in rows}))
+    options, notes = options or ReportOptions(), read_notes(Path(folder))
+    rows = short_names(last, notes.pool if options.pool is None else options.pool)
+    others = [make(rows) for make in (price_table, pairs_table, growth_table)]
+    tables = _with_columns([runs_table(rows, notes.published), *others], options.columns)
+    left = distances(Path(folder), {row["id"] for row in rows})
+    plots = plots_of(rows, left, options.axes, options.size)
     page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
         files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
+        files |= {f"{plot.name}.pdf": plot.pdf()} if options.pdf else {}
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -179,6 +222,16 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> SweepRepo
         with written_whole(file_within(target, name)) as stream:
             stream.write(data)
     return SweepReport(len(rows), older, tables, tuple(target / name for name in files))
+
+
+def _with_columns(tables: Sequence[ReportTable], names: Sequence[str]) -> tuple[ReportTable, ...]:
+    if not names:
+        return tuple(tables)
+    found = [table.with_columns(names) for table in tables if {*names} <= {*table.columns}]
+    if not found:
+        held = "; ".join(f"{table.title}: {', '.join(table.columns)}" for table in tables)
+        raise InputError(f"columns: no table has {', '.join(names)}, expected those of one: {held}")
+    return tuple(found)
 
 
 def distances(folder: Path, ids: Collection[str]) -> dict[str, NDArray[np.int64]]:
