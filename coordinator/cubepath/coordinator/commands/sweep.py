@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import (
     DONE,
@@ -30,7 +30,6 @@ from cubepath.protocol.core.options import option_fields
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
 
-Value = TypeVar("Value")
 _TOLD_MAX = 5
 """The most lines that are printed of a kind; the document has all."""
 
@@ -271,34 +270,22 @@ def add_report(report: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
     )
 
-    report.add_argument(
-        "--pool",
-        metavar="KEY,...",
-        help="count scenes that differ in these keys alone, as seed, as replicates of one setting"
-        " (default: what the sweep's file says)",
-    )
-    report.add_argument(
-        "--columns", metavar="NAME,...", help="show tables that have these columns, and no others"
-    )
-    report.add_argument(
-        "--axes", metavar="X,Y", help="draw one plot, of these columns, as in modules,costs"
-    )
-    report.add_argument("--size", metavar="W,H", help="width and height of each plot in inches")
+    for name, read, of, what in (
+        ("pool", _names, "KEY,...", "count scenes that differ only in these keys, as seed, as one"),
+        ("columns", _names, "NAME,...", "show the tables that have these columns, without others"),
+        ("axes", _names, "X,Y", "draw one plot, of these columns, as modules,costs"),
+        ("size", inches, "W,H", "width and height of each plot in inches"),
+    ):
+        report.add_argument(f"--{name}", type=read, metavar=of, help=what)
     report.add_argument("--pdf", action="store_true", help="write plots as PDF too, without titles")
 
 
 def _report(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.experiments.report import ReportOptions, write_report  # noqa: PLC0415
+    from cubepath.coordinator.experiments.report import write_report  # noqa: PLC0415
 
-    shown = ReportOptions(
-        pool=None if options.pool is None else _names(options.pool),
-        columns=_names(options.columns),
-        axes=_two("axes", options.axes, str),
-        size=_two("size", options.size, float),
-        pdf=options.pdf,
-    )
+    shown = given(options, ("pool", "columns", "axes", "size", "pdf"))
     with progress_bar(None, "report", ""):
-        report = write_report(options.folder, options.out, shown)
+        report = write_report(options.folder, options.out, **shown)
     lines = [line for table in report.tables for line in _table_lines(table)]
     if report.older:
         lines.append(
@@ -309,19 +296,13 @@ def _report(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _names(text: str | None) -> tuple[str, ...]:
-    return tuple(text.split(",")) if text else ()
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
 
 
-def _two(key: str, text: str | None, read: Callable[[str], Value]) -> tuple[Value, Value] | None:
-    """Return two values that an option has with a comma between; None without the option."""
-    if text is None:
-        return None
-    try:
-        one, other = map(read, text.split(","))
-    except ValueError:
-        raise OptionError(f"{key}: found {text!r}, expected two values with a comma") from None
-    return one, other
+def inches(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text with commas between; an error names what it expected."""
+    return tuple(map(float, text.split(",")))
 
 
 def _table_lines(table: ReportTable) -> list[str]:

@@ -18,13 +18,8 @@ from cubepath.agents.environments.array_world import MadeMoves, made_in
 from cubepath.agents.environments.rollouts import Rollout, play_free, play_in_python, play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.instances import SceneFacts
-from cubepath.coordinator.experiments.outcomes import (
-    GAVE_UP,
-    GOAL,
-    MAX_ROUNDS,
-    PlayedRun,
-    sum_of_costs,
-)
+from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
+from cubepath.coordinator.experiments.rows import sum_of_costs
 from cubepath.coordinator.experiments.setting import RunSetting, slow_modules
 from cubepath.coordinator.experiments.wire_core import gathered_run
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter

@@ -26,7 +26,6 @@ from cubepath.coordinator.experiments.published import ReportNotes
 from cubepath.coordinator.experiments.rows import (
     AGAIN,
     FAILURES,
-    LATER_COLUMNS,
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
@@ -147,13 +146,12 @@ class SweepFolder:
                 f"{self.folder}: holds {held[0]!r} and no {MARK}, expected a new or empty folder,"
                 " or that of a sweep"
             )
-        self._mark([])
+        self._mark([], ReportNotes())
 
-    def _mark(self, versions: Sequence[str], notes: ReportNotes | None = None) -> None:
-        more = msgspec.to_builtins(notes or ReportNotes())
-        told = {"format": _FORMAT, "versions": list(versions), "notes": more}
+    def _mark(self, versions: Sequence[str], notes: ReportNotes) -> None:
+        told = {"format": _FORMAT, "versions": list(versions), "notes": notes}
         with written_whole(self.folder / MARK) as stream:
-            stream.write(json.dumps(told, indent=1).encode())
+            stream.write(msgspec.json.format(msgspec.json.encode(told), indent=1))
 
     def begin(
         self,
@@ -170,8 +168,8 @@ class SweepFolder:
         that was over its limit of time, if the limit is longer now, or there is none.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
-        notes = notes or read_notes(self.folder)
-        self._mark([*(each for each in read_mark(self.folder) if each not in now), *now], notes)
+        before, noted = read_mark(self.folder)
+        self._mark([*(each for each in before if each not in now), *now], notes or noted)
         known: dict[str, str | None] = {}
         for part in self._whole_parts():
             for row in _read(part, ("id", "ended", "recording", "seconds")):
@@ -244,20 +242,12 @@ class SweepFolder:
             self._lock = None
 
 
-def read_mark(folder: Path) -> list[str]:
-    """Return the versions whose runs a folder has, the last one last; InputError if it is no sweep.
+def read_mark(folder: Path) -> tuple[list[str], ReportNotes]:
+    """Return the versions whose runs a folder has, the last one last, and what a report notes.
 
-    A version is that of the code, with what the scene and the rule were then.
+    A version is that of the code, with what the scene and the rule were then. InputError if it is
+    no sweep.
     """
-    return _read_mark(folder)[0]
-
-
-def read_notes(folder: Path) -> ReportNotes:
-    """Return what the last sweep with any notes says about reports; InputError as `read_mark`."""
-    return _read_mark(folder)[1]
-
-
-def _read_mark(folder: Path) -> tuple[list[str], ReportNotes]:
     mark = file_within(folder, MARK)
     try:
         told = json.loads(mark.read_bytes())
@@ -296,7 +286,7 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     played, then one with a recording, then that for which most was searched. InputError if the
     folder is no sweep's, or is damaged.
     """
-    places = {version: place for place, version in enumerate(read_mark(folder))}
+    places = {version: place for place, version in enumerate(read_mark(folder)[0])}
     found: dict[str, tuple[tuple[object, ...], Row]] = {}
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
@@ -362,7 +352,8 @@ def _read(path: Path, columns: Iterable[str]) -> list[Row]:
     wanted = list(columns)
     try:
         held = pa.parquet.read_schema(path).names
-        asked = [name for name in wanted if name in held or name not in LATER_COLUMNS]
+        # Folders of earlier versions have no costs: there they are unknown.
+        asked = [name for name in wanted if name in held or name != "costs"]
         found: list[Row] = pa.parquet.read_table(path, columns=asked).to_pylist()
     except (OSError, pa.ArrowException) as error:
         raise unreadable(path, error) from None

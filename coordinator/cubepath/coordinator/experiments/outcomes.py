@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -56,16 +56,6 @@ class PlayedRun:
     time: float | None = None
     recording: str | None = None
     seconds: float = 0.0
-
-
-def sum_of_costs(movers: Iterable[int], ends: NDArray[np.int64]) -> int:
-    """Return the rounds up to each module's last move, summed; `movers` are in order of moves.
-
-    >>> sum_of_costs([0, 1, 0], np.array([2, 2, 3]))
-    4
-    """
-    rounds = np.repeat(np.arange(1, len(ends) + 1), np.diff(ends, prepend=0)).tolist()
-    return sum(dict(zip(movers, rounds, strict=True)).values())
 
 
 def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:

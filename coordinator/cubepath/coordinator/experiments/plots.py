@@ -17,9 +17,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
@@ -77,6 +74,12 @@ _STYLE: dict[str, Any] = {
     "legend.frameon": False,
 }
 
+_METADATA: Mapping[str, dict[str, None]] = {  # without a date: the same data gives the same bytes
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
 Draw = Callable[[Axes, Sequence[Row], "Looks"], None]
 
 
@@ -91,15 +94,15 @@ class Plot:
     pdf: Callable[[], bytes]
 
 
-Size = tuple[float, float]
-"""The width and the height of a plot in inches."""
-
-
 class Looks:
-    """What lines look like: one look for each variant, the same in all panels."""
+    """What lines look like: one look for each variant, the same in all panels.
 
-    def __init__(self, rows: Sequence[Row]) -> None:
+    `size` is the width and the height of a plot in inches, if they do not follow from its panels.
+    """
+
+    def __init__(self, rows: Sequence[Row], size: Sequence[float] = ()) -> None:
         """Take the variants in the order of their names."""
+        self.size: Any = size
         self._keys = varying(rows, ("rule", *WORLD[1:]))
         labels = sorted({self.label(row) for row in rows}, key=natural)
         self._places = {label: place for place, label in enumerate(labels)}
@@ -135,19 +138,19 @@ class Looks:
 def plots_of(
     rows: Sequence[Row],
     left: Mapping[str, NDArray[np.int64]],
-    axes: tuple[str, str] | None = None,
-    size: Size | None = None,
+    axes: Sequence[str] = (),
+    size: Sequence[float] = (),
 ) -> list[Plot]:
     """Return the plots that the data has something for; with `axes`, that of these two columns.
 
     `left` has for runs, by their ids, how far the goal is after each round, shape (rounds,).
     """
-    looks, measured = Looks(rows), _measured(rows)
-    if axes is not None:
+    looks, measured = Looks(rows, size), _measured(rows)
+    if axes:
         x, y = axes
         panel = "base" if x == "modules" else "system"
-        title = f"{y[0].upper()}{y[1:]} by {x}"
-        chosen = _figure(f"{y}-by-{x}", title, measured, panel, looks, _by_size(y, x), size)
+        draw = _by_size(y, x)
+        chosen = _figure(f"{y}-by-{x}", f"{y} by {x}", measured, panel, looks, draw)
         return [] if chosen is None else [chosen]
     found: list[Plot | None] = []
     sized = [
@@ -161,7 +164,7 @@ def plots_of(
         ("growth-cubes", "cubes", f"Cubes of the schedule, by modules\n{_SHARE}"),
         ("cubes-over-best", _OVER, f"Cubes over the best known\n{_SHARE}"),
     ):
-        found.append(_figure(name, title, sized, "base", looks, _by_size(measure), size))
+        found.append(_figure(name, title, sized, "base", looks, _by_size(measure)))
     found.append(price_plot(rows, size))
     curves = {run: each / each[0] for run, each in left.items() if len(each) and each[0]}
     drawn = [row for row in rows if row["id"] in curves]
@@ -173,7 +176,6 @@ def plots_of(
             "system",
             looks,
             _progress(curves),
-            size,
         )
     )
     return [each for each in found if each is not None]
@@ -185,10 +187,7 @@ MEASURES = (*(name for name, kind in RUN_COLUMNS.items() if kind != "string"), "
 
 
 def _measured(rows: Sequence[Row]) -> list[Row]:
-    """Return runs with all `MEASURES`, and as `base` the name of the system without its size.
-
-    Of runs that did not reach their goal, None stands for what counts only of those that did.
-    """
+    """Return runs with all `MEASURES`, and as `base` the name of the system without its size."""
     prices = {row["id"]: row["price"] for row in priced(rows)}
     best = best_by_scene(rows)
     found = []
@@ -200,7 +199,7 @@ def _measured(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-def price_plot(rows: Sequence[Row], size: Size | None = None) -> Plot | None:
+def price_plot(rows: Sequence[Row], size: Sequence[float] = ()) -> Plot | None:
     """Return the plot of what runs paid for timing, class and rule; None if none arrived."""
     shares = {
         key: f"{sum(bool(row['goal']) for row in several)} of {len(several)} reached"
@@ -214,14 +213,12 @@ def price_plot(rows: Sequence[Row], size: Size | None = None) -> Plot | None:
         for row in priced(rows)
         if (base := without_size(row["system"]))
     ]
-    looks = Looks(drawn) if drawn else Looks(rows)
+    looks = Looks(drawn or rows, size)
     variants = sorted({looks.rest(row) for row in drawn}, key=natural)
     title = "Rounds over the best known: timing x class x rule"
     if len(variants) > 1:
         title += f"\nbars of a size from left to right: {', then '.join(variants)}"
-    return _figure(
-        "price", title, drawn, "panel", looks, stacked(variants or [""], looks.rest), size
-    )
+    return _figure("price", title, drawn, "panel", looks, stacked(variants or [""], looks.rest))
 
 
 def _by_size(measure: str, size: str = "modules") -> Draw:
@@ -304,13 +301,7 @@ def _progress(curves: Mapping[str, NDArray[np.float64]]) -> Draw:
 
 
 def _figure(  # noqa: PLR0917 - a figure is all of these
-    name: str,
-    title: str,
-    rows: Sequence[Row],
-    panel: str,
-    looks: Looks,
-    draw: Draw,
-    size: Size | None = None,
+    name: str, title: str, rows: Sequence[Row], panel: str, looks: Looks, draw: Draw
 ) -> Plot | None:
     """Draw a panel for each value of a column; of many, eight that lie evenly in their order."""
     if not rows:
@@ -325,9 +316,8 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
     down = ceil(len(keys) / across)
     style: Any = _STYLE | {"svg.hashsalt": name}
     with mpl.rc_context(style):
-        figure = Figure(
-            figsize=size or (max(_WIDE * across, 5.4), _HIGH * down + 0.9), layout="constrained"
-        )
+        inches = looks.size or (max(_WIDE * across, 5.4), _HIGH * down + 0.9)
+        figure = Figure(figsize=inches, layout="constrained")
         all_axes = figure.subplots(down, across, squeeze=False)
         handles: dict[str, Any] = {}
         for place, axes in enumerate(all_axes.flat):
@@ -348,7 +338,8 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
             loc="outside lower center",
             ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )
-        return Plot(name, title + more, _svg(figure), _png(figure), partial(_pdf, figure))
+        pdf = partial(_image, figure, "pdf")
+        return Plot(name, title + more, _image(figure, "svg"), _image(figure, "png"), pdf)
 
 
 def _in_lines(title: str) -> str:
@@ -361,28 +352,11 @@ def _in_lines(title: str) -> str:
     return "\n".join(line.strip() for line in lines if line)
 
 
-def _svg(figure: Figure) -> bytes:
-    stream = BytesIO()
-    canvas: Any = FigureCanvasSVG(figure)
-    canvas.print_svg(stream, metadata={"Date": None, "Creator": None})
-    return stream.getvalue()
-
-
-def _pdf(figure: Figure) -> bytes:
-    """Return a figure for a paper: a caption stands there for its title."""
-    figure.suptitle("")
-    stream = BytesIO()
-    canvas: Any = FigureCanvasPdf(figure)
-    style: Any = _STYLE
+def _image(figure: Figure, kind: str) -> bytes:
+    """Return a figure as bytes; as PDF, for a paper, without the title, which its caption has."""
+    if kind == "pdf":
+        figure.suptitle("")
+    stream, style = BytesIO(), dict[Any, Any](_STYLE)
     with mpl.rc_context(style):
-        canvas.print_pdf(stream, metadata={"CreationDate": None, "Creator": None, "Producer": None})
-    return stream.getvalue()
-
-
-def _png(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.set_dpi(_DOTS)
-    figure.patch.set_facecolor("white")
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(stream, metadata={"Software": None})
+        figure.savefig(stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind])
     return stream.getvalue()

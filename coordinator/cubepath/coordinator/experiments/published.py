@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 
-from cubepath.coordinator.experiments.statistics import Interval, share_interval
 from cubepath.protocol.core.errors import InputError
 
 
@@ -20,14 +19,8 @@ class PublishedResults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     source: str
-    runs: int
-    results: tuple[tuple[str, str, float, float], ...]
-
-    def rows(self) -> Iterator[tuple[str, str, int, Interval, float]]:
-        """Yield each result as a report's table begins, the share with its interval."""
-        for system, program, share, rounds in self.results:
-            reached = share_interval(round(share * self.runs), self.runs)
-            yield system, f"{program} (published)", self.runs, reached, rounds
+    runs: Annotated[int, msgspec.Meta(ge=1)]
+    results: tuple[tuple[str, str, Annotated[float, msgspec.Meta(ge=0, le=1)], float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +34,6 @@ class ReportNotes:
 def published_in(value: object) -> tuple[PublishedResults, ...]:
     """Return published results from the tables of a file; InputError says what is wrong."""
     try:
-        found = msgspec.convert(value, tuple[PublishedResults, ...])
+        return msgspec.convert(value, tuple[PublishedResults, ...])
     except msgspec.ValidationError as error:
         raise InputError(f"published: {error}") from None
-    for each in found:
-        if each.runs < 1 or not all(0 <= result[2] <= 1 for result in each.results):
-            raise InputError("published: expected one run or more, and shares of 0 to 1")
-    return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -18,13 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.folder import (
-    arrow,
-    parts_of,
-    read_mark,
-    read_notes,
-    unreadable,
-)
+from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark, unreadable
 from cubepath.coordinator.experiments.plots import INK, MEASURES, Plot, plots_of
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
@@ -38,7 +32,7 @@ from cubepath.coordinator.experiments.tables import (
     short_names,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.formatting import counted, did_you_mean
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
 
@@ -150,39 +144,15 @@ class SweepReport:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportOptions:
-    """What a report shows.
-
-    Scenes that differ in the keys of `pool` alone, as ``seed``, are replicates of one setting; None
-    takes what the sweep's file says. With `columns`, tables have these alone, and those without one
-    of them are left out. With `axes`, the one plot has these two columns, across and up. `size` is
-    that of a plot in inches. With `pdf`, plots are written as PDF, too.
-    """
-
-    pool: tuple[str, ...] | None = None
-    columns: tuple[str, ...] = ()
-    axes: tuple[str, str] | None = None
-    size: tuple[float, float] | None = None
-    pdf: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the axes and the size; InputError names what is wrong."""
-        for name in self.axes or ():
-            if name not in MEASURES:
-                near = did_you_mean(name, MEASURES)
-                raise InputError(
-                    f"axes: unknown {name!r}{near}, expected two of {', '.join(MEASURES)}"
-                )
-        if self.size is not None and not all(1 <= each <= _SIZE_MAX for each in self.size):
-            raise InputError(f"size: found {self.size}, expected 1 to {_SIZE_MAX} inches")
-
-
-_SIZE_MAX = 100
-
-
 def write_report(
-    folder: Path | str, out: Path | str | None = None, options: ReportOptions | None = None
+    folder: Path | str,
+    out: Path | str | None = None,
+    *,
+    pool: Sequence[str] | None = None,
+    columns: Sequence[str] = (),
+    axes: Sequence[str] = (),
+    size: Sequence[float] = (),
+    pdf: bool = False,
 ) -> SweepReport:
     """Write the report on a sweep's folder: a page, and each plot as SVG and PNG.
 
@@ -191,29 +161,40 @@ def write_report(
     taken, and the others are counted as `older`. InputError if the folder is no sweep's, has no
     runs, or cannot be written to.
 
+    Scenes that differ in the keys of `pool` alone, as ``seed``, are runs of one setting; None takes
+    what the sweep's file says. With `columns`, the tables that have them are shown without others.
+    With two `axes`, the one plot is that of these columns, across and up. `size` is the width and
+    the height of a plot in inches. With `pdf`, plots are written as PDF too, without their titles.
+
     >>> results = sweep("hex:n=4..6", rules="chain", seeds=2, out="results")
     >>> report = write_report("results")
     >>> report.runs, report.files[0].name
     (6, 'report.html')
     """
+    if len(axes) not in {0, 2} or not {*axes} <= {*MEASURES}:
+        known = ", ".join(MEASURES)
+        raise InputError(f"axes: found {','.join(axes)!r}, expected two of {known}")
+    if len(size) not in {0, 2} or not all(1 <= each <= 100 for each in size):
+        raise InputError(f"size: found {size}, expected two of 1 to 100 inches")
     results = read_sweep(folder)
     if not results.rows:
         raise InputError(f"{folder}: has no finished runs, expected some to report on")
     target = file_within(Path(folder), "report") if out is None else Path(out)
     check_output_folder(target)
-    last = _of_last_versions(results.rows, read_mark(Path(folder)))
+    versions, notes = read_mark(Path(folder))
+    last = _of_last_versions(results.rows, versions)
     older = len(results.rows) - len(last)
-    options, notes = options or ReportOptions(), read_notes(Path(folder))
-    rows = short_names(last, notes.pool if options.pool is None else options.pool)
+    rows = short_names(last, notes.pool if pool is None else pool)
     others = [make(rows) for make in (price_table, pairs_table, growth_table)]
-    tables = _with_columns([runs_table(rows, notes.published), *others], options.columns)
+    tables = runs_table(rows, notes.published), *others
+    tables = _with_columns(tables, columns) if columns else tables
     left = distances(Path(folder), {row["id"] for row in rows})
-    plots = plots_of(rows, left, options.axes, options.size)
+    plots = plots_of(rows, left, axes, size)
     page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
         files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
-        files |= {f"{plot.name}.pdf": plot.pdf()} if options.pdf else {}
+        files |= {f"{plot.name}.pdf": plot.pdf()} if pdf else {}
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -225,9 +206,13 @@ def write_report(
 
 
 def _with_columns(tables: Sequence[ReportTable], names: Sequence[str]) -> tuple[ReportTable, ...]:
-    if not names:
-        return tuple(tables)
-    found = [table.with_columns(names) for table in tables if {*names} <= {*table.columns}]
+    """Return the tables that have these columns, without others; InputError if none has them."""
+    found = []
+    for table in tables:
+        if {*names} <= {*table.columns}:
+            rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+            kept = tuple(tuple(row[name] for name in names) for row in rows)
+            found.append(replace(table, columns=tuple(names), rows=kept))
     if not found:
         held = "; ".join(f"{table.title}: {', '.join(table.columns)}" for table in tables)
         raise InputError(f"columns: no table has {', '.join(names)}, expected those of one: {held}")

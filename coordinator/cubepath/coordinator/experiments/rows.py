@@ -68,8 +68,6 @@ ROUND_COLUMNS: Mapping[str, str] = {
     "distance": "int64",
 }
 """The columns of a round; `id` is that of its run, and rounds count from 1."""
-LATER_COLUMNS = ("costs",)
-"""Columns of a run that folders of earlier versions lack: there they are unknown."""
 PREVENTED = "prevented"
 """How a run ends that could not be played, or kept, where it was to be, by no fault of its own."""
 TIMEOUT = "timeout"
@@ -112,6 +110,12 @@ class FinishedRun:
             dict(zip(ROUND_COLUMNS, (self.run["id"], number, *values), strict=True))
             for number, values in enumerate(zip(*columns, strict=True), 1)
         ]
+
+
+def sum_of_costs(movers: Iterable[int], ends: NDArray[np.int64]) -> int:
+    """Return the rounds up to each module's last move, summed; `movers` are in order of moves."""
+    rounds = np.repeat(np.arange(1, len(ends) + 1), np.diff(ends, prepend=0)).tolist()
+    return sum(dict(zip(movers, rounds, strict=True)).values())
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:

@@ -39,7 +39,7 @@ from cubepath.coordinator.experiments.setting import (
 )
 from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.input_files import file_within, read_text
+from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.options import option_fields
 from cubepath.protocol.core.parsing import given_values, parsed_toml
 from cubepath.protocol.core.ranges import LARGEST, checked_seeds, expanded, seeds_of
@@ -312,7 +312,7 @@ def _check_core(core: str, clock: str, rates: FaultRates) -> None:
 # From files and from the command line.
 
 
-def read_sweep_file(path: Path, *, own_rules: bool = True, data: object = None) -> Sweep:
+def read_sweep_file(path: Path, *, own_rules: bool = True, data: Path | None = None) -> Sweep:
     """Read a sweep from a TOML file; InputError names the file and what is wrong in it.
 
     Paths of files in it are relative to its folder, or to `data`, and stay in it. Its rules are
@@ -326,11 +326,7 @@ def read_sweep_file(path: Path, *, own_rules: bool = True, data: object = None) 
             table.pop("rules", None)
         for rule in _several(table["rules"]) if "rules" in table else ():
             permitted_rule(_text("rules", rule))
-        if data is not None:
-            table["data"] = data
-        elif "data" in table:
-            table["data"] = str(file_within(path.parent, _text("data", table["data"])))
-        return sweep_from_table(table, path.parent)
+        return sweep_from_table(table, data or path.parent)
     except InputError as error:
         line = str(error)
         raise InputError(line if line.startswith(f"{path}:") else f"{where}: {line}") from None
@@ -339,21 +335,21 @@ def read_sweep_file(path: Path, *, own_rules: bool = True, data: object = None) 
 def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
     """Return the sweep of systems, or of one file that holds a sweep; what is given counts more.
 
-    `given` is a table as that of `sweep_from_table`, without systems. InputError as there.
+    `given` is a table as that of `sweep_from_table`, without systems, and may have `data`, the
+    folder of all files that systems name. InputError as there.
     """
+    given = dict(given)
+    data = Path(given.pop("data")) if "data" in given else None
     packaged = {path.stem: str(path) for path in _SWEEPS.glob("*.toml")}
     systems = [packaged.get(each, each) for each in systems]
     for each in systems:
         _check_file(each)
     files = [each for each in systems if each.endswith(".toml") and is_sweep_file(Path(each))]
     if not files:
-        return sweep_from_table({"systems": list(systems), **given})
+        return sweep_from_table({"systems": list(systems), **given}, data)
     if len(systems) > 1:
         raise InputError(f"{files[0]}: holds a sweep, expected it alone")
-    given = dict(given)
-    found = read_sweep_file(
-        Path(files[0]), own_rules="rules" not in given, data=given.pop("data", None)
-    )
+    found = read_sweep_file(Path(files[0]), own_rules="rules" not in given, data=data)
     changed = sweep_from_table({"systems": list(found.systems), **given})
     return replace(found, **{key: getattr(changed, key) for key in given})
 
@@ -382,18 +378,16 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
     """Return the sweep of a table as in a TOML file; InputError says what is wrong with it.
 
     With a `folder`, paths of files are relative to it and must stay in it. The keys are those of
-    `Sweep`, `data`, another such folder, and `data_from`, where to get its files. A value may stand
-    where a list of them is expected; `seeds` is a number of seeds, a text as ``"5..9"``, or a list;
-    `systems` and `faults` may be tables.
+    `Sweep`, and `data_from`, where to get the files. A value may stand where a list of them is
+    expected; `seeds` is a number of seeds, a text as ``"5..9"``, or a list; `systems` and `faults`
+    may be tables.
 
     >>> sweep_from_table({"systems": {"name": "hex", "n": [4, 8]}, "seeds": 2}).systems
     ('hex:n=4,8',)
     """
-    known = [*(field.name for field in fields(Sweep)), *_OF_DATA]
-    data, source = (_text(key, table[key]) if key in table else "" for key in _OF_DATA)
-    folder = Path(data) if data else folder
-    if source and not data:
-        raise InputError(f"data: missing, expected the folder of files from {source}")
+    known = [*(field.name for field in fields(Sweep)), "data_from"]
+    table = dict(table)
+    source = _text("data_from", table.pop("data_from", ""))
     for key in table:
         if key not in known:
             near = did_you_mean(key, known)
@@ -416,30 +410,20 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
         "pool": lambda value: tuple(_text("pool", each) for each in _several(value)),
         "published": published_in,
     }
-    found = {
-        key: readers[key](value) if key in readers else value
-        for key, value in table.items()
-        if key not in _OF_DATA
-    }
+    found = {key: readers[key](value) if key in readers else value for key, value in table.items()}
     return Sweep(**cast("dict[str, Any]", found))
 
 
-_OF_DATA = ("data", "data_from")
-
-
 def _placed(folder: Path | None, text: str, source: str) -> list[str]:
-    """Return a system with the paths of its files from here: several where its keys name files.
-
-    InputError if a file is missing that comes from a `source`.
-    """
+    """Return a system with the paths of its files from here: several where its keys name files."""
     if folder is None or text == STANDARD:
         return [text]
     names = expanded(text)
     files = {file for name in names for file in files_in(name)}
     found = [spec_within(folder, name) for name in names] if files else [text]
-    missing = [folder / file for file in sorted(files) if not (folder / file).is_file()]
-    if source and missing:
-        raise InputError(f"{missing[0]}: no such file, expected it from {source}")
+    for file in sorted(files) if source else ():
+        if not (folder / file).is_file():
+            raise InputError(f"{file}: not found, expected --data DIR with it, from {source}")
     return found
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -53,12 +53,6 @@ class ReportTable:
     def document(self) -> list[dict[str, Any]]:
         """Return the rows as plain data."""
         return [dict(zip(self.columns, map(_plain, row), strict=True)) for row in self.rows]
-
-    def with_columns(self, names: Sequence[str]) -> ReportTable:
-        """Return the table with these of its columns, in this order."""
-        places = [self.columns.index(name) for name in names]
-        rows = tuple(tuple(row[place] for place in places) for row in self.rows)
-        return replace(self, columns=tuple(names), rows=rows)
 
     def texts(self) -> list[list[str]]:
         """Return the rows as texts."""
@@ -174,6 +168,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
     best = best_by_scene(rows)
+    rows = [row | {"best": best.get(scene_of(row))} for row in rows]
     paid = groups(priced(rows), keys)
     # With rounds it may say the same again.
     timed = any(row["time"] not in {None, row["rounds"]} for row in rows)
@@ -190,8 +185,8 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
                 _mean(reached, lambda row: row["moves"]),
                 _mean(reached, lambda row: row.get("costs")),
                 _mean(reached, lambda row: row["cubes"]),
-                _over_scenes(_bounds(several)),
-                _over_scenes({scene: best.get(scene) for scene in map(scene_of, several)}),
+                _over_scenes(several, "bound"),
+                _over_scenes(several, "best"),
                 _geometric(paid[key], "price") if key in paid else None,
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
@@ -200,14 +195,15 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
             )
         )
     systems = [row[0] for row in found]
-    for system, program, *figures in (row for each in published for row in each.rows()):
-        if system in systems:
-            row = system, program, *[None] * (len(keys) - 2), *figures
-            found.append((*row, *[None] * (len(found[0]) - len(row))))
+    blank, rest = [None] * (len(keys) - 2), [None] * (len(found[0]) - len(keys) - 3)
+    others = [(each, row) for each in published for row in each.results if row[0] in systems]
+    for each, (system, name, share, rounds) in others:
+        goal = share_interval(round(share * each.runs), each.runs)
+        found.append((system, f"{name} (published)", *blank, each.runs, goal, rounds, *rest))
     found.sort(key=lambda row: systems.index(row[0]))
     return ReportTable(
         "Runs",
-        "".join(f"Published: {each.source} " for each in published)
+        "".join(f"Published: {source} " for source in dict.fromkeys(e.source for e, _ in others))
         + "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
         " Pearson). Rounds are means over all runs, where a run that did not reach its goal counts"
         " as its limit; time, moves, costs, cubes and price are means over the runs that did. Costs"
@@ -242,18 +238,14 @@ def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interv
     return mean_interval(numbers) if numbers else None
 
 
-def _bounds(rows: Iterable[Row]) -> dict[str, int | None]:
-    """Return the greatest lower bound of each scene."""
-    found: dict[str, int | None] = {}
+def _over_scenes(rows: Iterable[Row], column: str) -> int | Interval | None:
+    """Return the greatest that is known of a scene, or of several pooled ones the mean."""
+    known: dict[str, int] = {}
     for row in rows:
-        found[scene_of(row)] = max(found.get(scene_of(row)) or 0, row["bound"] or 0) or None
-    return found
-
-
-def _over_scenes(values: Mapping[str, int | None]) -> int | Interval | None:
-    """Return what is known of one scene as it is, or of several pooled ones the mean."""
-    known = [value for value in values.values() if value is not None]
-    return mean_interval(known) if known and len(values) > 1 else next(iter(known), None)
+        if row[column] is not None:
+            known[scene_of(row)] = max(known.get(scene_of(row), 0), row[column])
+    values = list(known.values())
+    return mean_interval(values) if len(values) > 1 else next(iter(values), None)
 
 
 def pairs_table(rows: Sequence[Row]) -> ReportTable:
@@ -433,8 +425,8 @@ def price_table(rows: Sequence[Row]) -> ReportTable:
                 *key,
                 several[0]["modules"],
                 len(several),
-                _over_scenes(_bounds(several)),
-                _over_scenes({scene_of(row): row["best"] for row in several}),
+                _over_scenes(several, "bound"),
+                _over_scenes(several, "best"),
                 *(_geometric(several, name) for name in (*FACTORS, "price")),
             )
         )

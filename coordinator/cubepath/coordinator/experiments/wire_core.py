@@ -23,8 +23,8 @@ from cubepath.coordinator.experiments.outcomes import (
     GOAL,
     MAX_ROUNDS,
     PlayedRun,
-    sum_of_costs,
 )
+from cubepath.coordinator.experiments.rows import sum_of_costs
 from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer

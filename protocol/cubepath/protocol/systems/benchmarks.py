@@ -59,13 +59,12 @@ _MAP = re.compile(r"""^(["']?)([\w. -]+)\1:[ ]*\|[-+]?[ ]*\n((?:[ ]+\S+[ ]*\n)+)
 _SCENARIO = re.compile(
     r"""^([ ]*)(["']?)([\w.-]+)\2:[ ]*\n((?=\1[ ]+agents_xy:)(?:\1[ ]+\S.*\n)+)""", re.MULTILINE
 )
-_FREE, _OBSTACLE = ".@$!", "#"
-"""Where vehicles may be: anywhere, where they only start, end or pass; and where they may not."""
+_FREE, _OBSTACLE = ".@$!", "#"  # of the free cells, in some vehicles only start, end or pass
 
 
 def graph_from_yaml(path: Path, entry: str) -> Graph:
     """Read one of POGEMA's maps, by its name or the number at its end."""
-    maps = {found[2]: found[3] for found in _MAP.finditer(_text(path))}
+    maps = {found[2]: found[3] for found in _MAP.finditer(read_text(path) + "\n")}
     name = _entry(path, maps, entry, "map")
     rows = [line.strip() for line in maps[name].splitlines()]
     for row in rows:
@@ -75,14 +74,12 @@ def graph_from_yaml(path: Path, entry: str) -> Graph:
                 f" of {_FREE}{_OBSTACLE}"
             )
     free = {(x, y) for y, row in enumerate(rows) for x, cell in enumerate(row) if cell in _FREE}
-    if not free:
-        raise InputError(f"{path}: map {name}: no free cell")
     return grid_graph(free)
 
 
 def task_from_yaml(path: Path, entry: str) -> VehicleTask:
     """Read one of POGEMA's scenarios, by its name or the number at its end."""
-    scenarios = {found[3]: found[4] for found in _SCENARIO.finditer(_text(path))}
+    scenarios = {found[3]: found[4] for found in _SCENARIO.finditer(read_text(path) + "\n")}
     name = _entry(path, scenarios, entry, "scenario")
     body, where = scenarios[name], f"{path}: scenario {name}"
     starts, goals = (_cells(where, body, key) for key in ("agents_xy", "targets_xy"))
@@ -92,10 +89,6 @@ def task_from_yaml(path: Path, entry: str) -> VehicleTask:
     if on is None:
         raise InputError(f"{where}: no map_name, expected the name of its map")
     return VehicleTask(starts, goals, on[2])
-
-
-def _text(path: Path) -> str:
-    return read_text(path) + "\n"
 
 
 def _entry(path: Path, entries: Mapping[str, str], entry: str, what: str) -> str:

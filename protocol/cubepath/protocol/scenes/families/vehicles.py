@@ -95,6 +95,8 @@ def _graph(values: Values) -> Graph:
     name = values["graph"] or _GRAPH
     if Path(name).suffix in _YAML:
         return graph_from_yaml(Path(name), values["entry"])
+    if values["entry"]:
+        raise InputError(f"entry={values['entry']}: expected graph=FILE.yaml too")
     return graph_from_name(name)
 
 
