@@ -29,15 +29,16 @@ from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, sho
 DOCS = Path(__file__).parent.parent / "docs"
 FOLDER = DOCS / "studies"
 PAGE = DOCS / "findings.md"
-_OF_THE_MACHINE = {"seconds", "id", "code", "configuration", "recording", "digest"}
-"""Columns that tell how a run was played, or that do not go into tens of kilobytes."""
+_NOT_KEPT = {"seconds", "id", "code", "configuration", "recording", "digest", "costs"}
+"""Columns that tell how a run was played, that do not go into tens of kilobytes, or that no table
+of a study has."""
 JITTER = 0.5
 """Without rounds, turns take from 1 - JITTER to 1 + JITTER of their average in compiled code."""
 
 
 def kept(rows: Iterable[Row]) -> list[Row]:
     """Return the rows in their order, without what is of the machine."""
-    names = [name for name in RUN_COLUMNS if name not in _OF_THE_MACHINE]
+    names = [name for name in RUN_COLUMNS if name not in _NOT_KEPT]
     ordered = in_canonical_order(row | {"id": row.get("id") or ""} for row in rows)
     return [{name: row[name] for name in names} for row in ordered]
 

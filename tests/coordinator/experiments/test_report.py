@@ -24,13 +24,13 @@ from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.statistics import Interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
-    best_by_system,
+    best_by_scene,
     groups,
     growth_table,
     pairs_table,
     price_table,
     runs_table,
-    short_rules,
+    short_names,
     shown,
 )
 from cubepath.protocol.core.errors import InputError
@@ -88,7 +88,7 @@ def test_there_is_one_best_of_a_system(folder: Path) -> None:
     """The fewest cubes of any run there or known before, in all tables, whichever row has it."""
     rows = read_sweep(folder).rows
     runs, paid = runs_table(rows).document(), price_table(rows).document()
-    best = best_by_system(rows)
+    best = best_by_scene(rows)
     assert {told["system"]: told["best"] for told in runs} == best
     assert {told["system"]: told["best"] for told in paid} == best
     for system, fewest in best.items():
@@ -109,7 +109,7 @@ def test_there_is_one_best_of_a_system(folder: Path) -> None:
 
 def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
     """One that waits each other round never is faster; one that moves at random does not arrive."""
-    found = pairs_table(short_rules(read_sweep(folder).rows)).document()
+    found = pairs_table(short_names(read_sweep(folder).rows)).document()
     (chain, other) = [
         next(r for r in found if r["system"] == "hex:n=5" and r["second"].endswith(end))
         for end in ("SLOW", "random")
@@ -157,7 +157,7 @@ def test_growth_is_that_of_the_means(folder: Path) -> None:
 
 def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None:
     """A rule that never arrives stands at the limit with its share, and others beside theirs."""
-    rows = short_rules(read_sweep(folder).rows)
+    rows = short_names(read_sweep(folder).rows)
     plots = {plot.name: plot.svg.decode() for plot in plots_of(rows, {})}
     assert plots["growth-rounds"].count(">0/6<") == 3
     assert ">random<" in plots["growth-rounds"]

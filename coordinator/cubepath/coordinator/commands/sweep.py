@@ -44,7 +44,7 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
         metavar="SYSTEM",
         help="systems as for 'cubepath run', with ranges and lists in their keys, as in"
         " hex:n=4..40 or agv:graph=K5,C8,n=2; 'standard' for the standard set; or one SPEC.toml"
-        " with all of a sweep",
+        " with all of a sweep, or one of instances-1, movingai-1 and pogema-1",
     )
     sweep.add_argument(
         "--rule",
@@ -90,6 +90,9 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
     names = ("core", "timeout_s", "processes", "keepers", "optimum", "improve")
     add_fields(more, SweepOptions, *names)
     more.add_argument(
+        "--data", metavar="DIR", help="folder of the files that the systems name, as POGEMA's maps"
+    )
+    more.add_argument(
         "--connect", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
     )
 
@@ -116,6 +119,7 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         else [_share(text) for text in options.hesitate.split(",")],
         "faults": options.faults,
         "seeds": options.seeds,
+        "data": options.data,
     }
     given_lists = {key: value for key, value in named.items() if value is not None}
     return given_lists | given(options, option_fields(SweepOptions))
@@ -270,12 +274,22 @@ def add_report(report: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
     )
 
+    for name, read, of, what in (
+        ("pool", _names, "KEY,...", "count scenes that differ only in these keys, as seed, as one"),
+        ("columns", _names, "NAME,...", "show the tables that have these columns, without others"),
+        ("axes", _names, "X,Y", "draw one plot, of these columns, as modules,costs"),
+        ("size", inches, "W,H", "width and height of each plot in inches"),
+    ):
+        report.add_argument(f"--{name}", type=read, metavar=of, help=what)
+    report.add_argument("--pdf", action="store_true", help="write plots as PDF too, without titles")
+
 
 def _report(options: argparse.Namespace) -> int:
     from cubepath.coordinator.experiments.report import write_report  # noqa: PLC0415
 
+    shown = given(options, ("pool", "columns", "axes", "size", "pdf"))
     with progress_bar(None, "report", ""):
-        report = write_report(options.folder, options.out)
+        report = write_report(options.folder, options.out, **shown)
     lines = [line for table in report.tables for line in _table_lines(table)]
     if report.older:
         lines.append(
@@ -284,6 +298,15 @@ def _report(options: argparse.Namespace) -> int:
     lines += [f"written to {path}" for path in report.files[:1]]
     answer(options, report.document(), "\n".join(map(visible, lines)))
     return DONE
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
+
+
+def inches(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text with commas between; an error names what it expected."""
+    return tuple(map(float, text.split(",")))
 
 
 def _table_lines(table: ReportTable) -> list[str]:

@@ -19,6 +19,7 @@ from cubepath.agents.environments.rollouts import Rollout, play_free, play_in_py
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.instances import SceneFacts
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
+from cubepath.coordinator.experiments.rows import sum_of_costs
 from cubepath.coordinator.experiments.setting import RunSetting, slow_modules
 from cubepath.coordinator.experiments.wire_core import gathered_run
 from cubepath.coordinator.normal_form.compiled_heap import PathCounter
@@ -140,16 +141,18 @@ def _played(made: MadeMoves, kinds: _Kinds, run: int, end: _End) -> PlayedRun:
     moves, lost = made.move[first:last], made.lost[run]
     ends = np.searchsorted(made.round[first:last], np.arange(1, len(lost) + 1), side="right")
     counts = kinds.counter.count(moves)
+    movers = made.module[first:last].tolist()
     sites, reached, failed = end
     return PlayedRun(
         moves=moves,
         measures=kinds.measures,
         ends=ends,
         sites=sites,
+        costs=sum_of_costs(movers, ends),
         reduced=counts.reduced_moves,
         cubes=counts.cubes,
         largest_cube=counts.max_cube_dimension,
-        digest=_digest(kinds, made.module[first:last].tolist(), moves.tolist(), ends.tolist()),
+        digest=_digest(kinds, movers, moves.tolist(), ends.tolist()),
         ended=GOAL if reached else MAX_ROUNDS if failed is None else GAVE_UP,
         reason=failed,
         conflicts=lost,

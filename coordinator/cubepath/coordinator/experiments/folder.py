@@ -19,8 +19,10 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any, Self
 
+import msgspec
 import numpy as np
 
+from cubepath.coordinator.experiments.published import ReportNotes
 from cubepath.coordinator.experiments.rows import (
     AGAIN,
     FAILURES,
@@ -144,24 +146,30 @@ class SweepFolder:
                 f"{self.folder}: holds {held[0]!r} and no {MARK}, expected a new or empty folder,"
                 " or that of a sweep"
             )
-        self._mark([])
+        self._mark([], ReportNotes())
 
-    def _mark(self, versions: Sequence[str]) -> None:
-        told = {"format": _FORMAT, "versions": list(versions)}
+    def _mark(self, versions: Sequence[str], notes: ReportNotes) -> None:
+        told = {"format": _FORMAT, "versions": list(versions), "notes": notes}
         with written_whole(self.folder / MARK) as stream:
-            stream.write(json.dumps(told, indent=1).encode())
+            stream.write(msgspec.json.format(msgspec.json.encode(told), indent=1))
 
     def begin(
-        self, batches: Iterable[RunBatch], timeout_s: float | None = None
+        self,
+        batches: Iterable[RunBatch],
+        timeout_s: float | None = None,
+        notes: ReportNotes | None = None,
     ) -> dict[str, str | None]:
         """Note that these are played now; return the recordings of finished runs by their ids.
+
+        The `notes` are for reports; without any, those of the sweep before are kept.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
         One that died or was prevented is none of them: it may have been the machine. Nor is one
         that was over its limit of time, if the limit is longer now, or there is none.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
-        self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
+        before, noted = read_mark(self.folder)
+        self._mark([*(each for each in before if each not in now), *now], notes or noted)
         known: dict[str, str | None] = {}
         for part in self._whole_parts():
             for row in _read(part, ("id", "ended", "recording", "seconds")):
@@ -234,17 +242,17 @@ class SweepFolder:
             self._lock = None
 
 
-def read_mark(folder: Path) -> list[str]:
-    """Return the versions whose runs a folder has, the last one last; InputError if it is no sweep.
+def read_mark(folder: Path) -> tuple[list[str], ReportNotes]:
+    """Return the versions whose runs a folder has, the last one last, and what a report notes.
 
-    A version is that of the code, with what the scene and the rule were then.
+    A version is that of the code, with what the scene and the rule were then. InputError if it is
+    no sweep.
     """
     mark = file_within(folder, MARK)
     try:
         told = json.loads(mark.read_bytes())
         if told["format"] == _FORMAT:
-            versions: list[str] = told["versions"]
-            return versions
+            return told["versions"], msgspec.convert(told.get("notes", {}), ReportNotes)
     except FileNotFoundError:
         raise InputError(f"{folder}: has no {MARK}, expected the folder of a sweep") from None
     except OSError as error:
@@ -278,7 +286,7 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     played, then one with a recording, then that for which most was searched. InputError if the
     folder is no sweep's, or is damaged.
     """
-    places = {version: place for place, version in enumerate(read_mark(folder))}
+    places = {version: place for place, version in enumerate(read_mark(folder)[0])}
     found: dict[str, tuple[tuple[object, ...], Row]] = {}
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
@@ -341,8 +349,12 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 def _read(path: Path, columns: Iterable[str]) -> list[Row]:
     pa = arrow()
+    wanted = list(columns)
     try:
-        found: list[Row] = pa.parquet.read_table(path, columns=list(columns)).to_pylist()
+        held = pa.parquet.read_schema(path).names
+        # Folders of earlier versions have no costs: there they are unknown.
+        asked = [name for name in wanted if name in held or name != "costs"]
+        found: list[Row] = pa.parquet.read_table(path, columns=asked).to_pylist()
     except (OSError, pa.ArrowException) as error:
         raise unreadable(path, error) from None
-    return found
+    return [{name: row.get(name) for name in wanted} for row in found] if asked != wanted else found

@@ -31,7 +31,8 @@ any more, a rule gave up, or a fault ended it; it was an error of code, or its p
 class PlayedRun:
     """The path of a run in arrays, and how it ended.
 
-    `moves` has for each move the number of its kind, and `measures` for each kind how it changes
+    `costs` is the sum of costs, the rounds up to its last move summed over all modules. `moves`
+    has for each move the number of its kind, and `measures` for each kind how it changes
     what is missing at the goal and the distance, shape (2, kinds). `ends` has the number of moves
     up to the end of each round, or level. `conflicts` counts the lost claims of each round; None
     where they are not known.
@@ -41,6 +42,7 @@ class PlayedRun:
     measures: NDArray[np.int64]
     ends: NDArray[np.int64]
     sites: Sequence[Site]
+    costs: int
     reduced: int
     cubes: int
     largest_cube: int
@@ -84,6 +86,7 @@ def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
         and ended in (MAX_ROUNDS, BLOCKED, GAVE_UP),
         "rounds": len(counts),
         "moves": len(played.moves),
+        "costs": played.costs,
         "reduced": played.reduced,
         "cubes": played.cubes,
         "largest_cube": played.largest_cube,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from math import ceil
 from typing import Any
@@ -16,20 +17,19 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.rows import Row, natural
+from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, natural
 from cubepath.coordinator.experiments.tables import (
     WORLD,
-    best_by_system,
+    best_by_scene,
     by_size,
     groups,
     priced,
     rounds_or_limit,
+    scene_of,
     stacked,
     varying,
     without_size,
@@ -55,6 +55,7 @@ _CAPPED = f"other runs count as their limit (dotted)\n{_SHARE}"
 _NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
+    "pdf.fonttype": 42,  # letters as letters, which publishers ask for
     "font.size": 10,
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
@@ -73,24 +74,35 @@ _STYLE: dict[str, Any] = {
     "legend.frameon": False,
 }
 
+_METADATA: Mapping[str, dict[str, None]] = {  # without a date: the same data gives the same bytes
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
 Draw = Callable[[Axes, Sequence[Row], "Looks"], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A plot: its name, what it shows, and its bytes as SVG and PNG."""
+    """A plot: its name, what it shows, and its bytes as SVG, PNG and, made when called, PDF."""
 
     name: str
     title: str
     svg: bytes
     png: bytes
+    pdf: Callable[[], bytes]
 
 
 class Looks:
-    """What lines look like: one look for each variant, the same in all panels."""
+    """What lines look like: one look for each variant, the same in all panels.
 
-    def __init__(self, rows: Sequence[Row]) -> None:
+    `size` is the width and the height of a plot in inches, if they do not follow from its panels.
+    """
+
+    def __init__(self, rows: Sequence[Row], size: Sequence[float] = ()) -> None:
         """Take the variants in the order of their names."""
+        self.size: Any = size
         self._keys = varying(rows, ("rule", *WORLD[1:]))
         labels = sorted({self.label(row) for row in rows}, key=natural)
         self._places = {label: place for place, label in enumerate(labels)}
@@ -123,24 +135,27 @@ class Looks:
             yield look, found[label]
 
 
-def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list[Plot]:
-    """Return the plots that the data has something for.
+def plots_of(
+    rows: Sequence[Row],
+    left: Mapping[str, NDArray[np.int64]],
+    axes: Sequence[str] = (),
+    size: Sequence[float] = (),
+) -> list[Plot]:
+    """Return the plots that the data has something for; with `axes`, that of these two columns.
 
     `left` has for runs, by their ids, how far the goal is after each round, shape (rounds,).
     """
-    looks, best = Looks(rows), best_by_system(rows)
+    looks, measured = Looks(rows, size), _measured(rows)
+    if axes:
+        x, y = axes
+        panel = "base" if x == "modules" else "system"
+        draw = _by_size(y, x)
+        chosen = _figure(f"{y}-by-{x}", f"{y} by {x}", measured, panel, looks, draw)
+        return [] if chosen is None else [chosen]
     found: list[Plot | None] = []
     sized = [
         row
-        | {
-            "base": base,
-            "rounds": rounds_or_limit(row),
-            "cubes": (cubes := row["cubes"] if row["goal"] else None),
-            _OVER: cubes / best[row["system"]] if cubes else None,
-        }
-        for (base,), several in groups(
-            (row | {"base": without_size(row["system"])} for row in rows), ["base"]
-        ).items()
+        for several in groups(measured, ["base"]).values()
         if len({row["modules"] for row in several if row["goal"]}) > 1
         for row in several
     ]
@@ -150,7 +165,7 @@ def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list
         ("cubes-over-best", _OVER, f"Cubes over the best known\n{_SHARE}"),
     ):
         found.append(_figure(name, title, sized, "base", looks, _by_size(measure)))
-    found.append(price_plot(rows))
+    found.append(price_plot(rows, size))
     curves = {run: each / each[0] for run, each in left.items() if len(each) and each[0]}
     drawn = [row for row in rows if row["id"] in curves]
     found.append(
@@ -166,7 +181,25 @@ def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list
     return [each for each in found if each is not None]
 
 
-def price_plot(rows: Sequence[Row]) -> Plot | None:
+_OF_REACHED = ("time", "moves", "costs", "reduced", "cubes", "largest_cube")
+MEASURES = (*(name for name, kind in RUN_COLUMNS.items() if kind != "string"), "price", _OVER)
+"""What a plot may have on its axes."""
+
+
+def _measured(rows: Sequence[Row]) -> list[Row]:
+    """Return runs with all `MEASURES`, and as `base` the name of the system without its size."""
+    prices = {row["id"]: row["price"] for row in priced(rows)}
+    best = best_by_scene(rows)
+    found = []
+    for row in rows:
+        counted = {name: row.get(name) if row["goal"] else None for name in _OF_REACHED}
+        over = counted["cubes"] / best[scene_of(row)] if counted["cubes"] else None
+        more = {"rounds": rounds_or_limit(row), "price": prices.get(row["id"]), _OVER: over}
+        found.append(row | counted | more | {"base": without_size(row["system"])})
+    return found
+
+
+def price_plot(rows: Sequence[Row], size: Sequence[float] = ()) -> Plot | None:
     """Return the plot of what runs paid for timing, class and rule; None if none arrived."""
     shares = {
         key: f"{sum(bool(row['goal']) for row in several)} of {len(several)} reached"
@@ -180,7 +213,7 @@ def price_plot(rows: Sequence[Row]) -> Plot | None:
         for row in priced(rows)
         if (base := without_size(row["system"]))
     ]
-    looks = Looks(drawn) if drawn else Looks(rows)
+    looks = Looks(drawn or rows, size)
     variants = sorted({looks.rest(row) for row in drawn}, key=natural)
     title = "Rounds over the best known: timing x class x rule"
     if len(variants) > 1:
@@ -188,10 +221,10 @@ def price_plot(rows: Sequence[Row]) -> Plot | None:
     return _figure("price", title, drawn, "panel", looks, stacked(variants or [""], looks.rest))
 
 
-def _by_size(measure: str) -> Draw:
+def _by_size(measure: str, size: str = "modules") -> Draw:
     def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
         for look, several in looks.by_variant(rows):
-            means = by_size(several, measure)
+            means = by_size(several, measure, size)
             if not means:
                 continue
             low = [each.estimate - (each.low or each.estimate) for each in means.values()]
@@ -205,12 +238,12 @@ def _by_size(measure: str) -> Draw:
                 linewidth=1.4,
                 **look,
             )
-            for (size,), there in groups(several, ["modules"]).items():
+            for (at,), there in groups(several, [size]).items():
                 reached = sum(bool(row["goal"]) for row in there)
-                if reached < len(there) and size in means:
+                if reached < len(there) and at in means and measure != "goal":
                     axes.annotate(
                         f"{reached}/{len(there)}",
-                        (size, means[size].estimate),
+                        (at, means[at].estimate),
                         xytext=(4, -11),
                         textcoords="offset points",
                         fontsize=8,
@@ -219,8 +252,12 @@ def _by_size(measure: str) -> Draw:
         for cap in {row["max_rounds"] for row in rows if not row["goal"] and measure == "rounds"}:
             axes.axhline(cap, color=PALE, linestyle=":", linewidth=1.2)
         axes.margins(0.12)  # room for the shares
-        axes.set_xscale("log")
-        if measure != _OVER:
+        sizes = sorted({row[size] for row in rows if row[size] is not None})
+        if sizes and sizes[0] > 0:
+            axes.set_xscale("log")
+        if measure == "goal":
+            axes.set_ylim(-0.05, 1.05)
+        elif measure != _OVER and axes.get_ylim()[0] > 0:
             axes.set_yscale("log")
             bottom, top = axes.get_ylim()
             narrow = top / bottom < _DECADE
@@ -228,12 +265,11 @@ def _by_size(measure: str) -> Draw:
                 MaxNLocator(5) if narrow else LogLocator(subs=(1.0, 2.0, 5.0))
             )
             axes.yaxis.set_major_formatter(_NUMBERS)
-        sizes = sorted({row["modules"] for row in rows})
         shown = sizes if len(sizes) <= 6 else [sizes[0], sizes[len(sizes) // 2], sizes[-1]]
-        axes.set_xticks(shown, [str(size) for size in shown])
+        axes.set_xticks(shown, [f"{at:g}" for at in shown])
         axes.minorticks_off()
-        axes.set_xlabel("modules")
-        axes.set_ylabel(measure)
+        axes.set_xlabel(size)
+        axes.set_ylabel("share at the goal" if measure == "goal" else measure)
 
     return draw
 
@@ -280,9 +316,8 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
     down = ceil(len(keys) / across)
     style: Any = _STYLE | {"svg.hashsalt": name}
     with mpl.rc_context(style):
-        figure = Figure(
-            figsize=(max(_WIDE * across, 5.4), _HIGH * down + 0.9), layout="constrained"
-        )
+        inches = looks.size or (max(_WIDE * across, 5.4), _HIGH * down + 0.9)
+        figure = Figure(figsize=inches, layout="constrained")
         all_axes = figure.subplots(down, across, squeeze=False)
         handles: dict[str, Any] = {}
         for place, axes in enumerate(all_axes.flat):
@@ -303,7 +338,8 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
             loc="outside lower center",
             ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )
-        return Plot(name, title + more, _svg(figure), _png(figure))
+        pdf = partial(_image, figure, "pdf")
+        return Plot(name, title + more, _image(figure, "svg"), _image(figure, "png"), pdf)
 
 
 def _in_lines(title: str) -> str:
@@ -316,17 +352,11 @@ def _in_lines(title: str) -> str:
     return "\n".join(line.strip() for line in lines if line)
 
 
-def _svg(figure: Figure) -> bytes:
-    stream = BytesIO()
-    canvas: Any = FigureCanvasSVG(figure)
-    canvas.print_svg(stream, metadata={"Date": None, "Creator": None})
-    return stream.getvalue()
-
-
-def _png(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.set_dpi(_DOTS)
-    figure.patch.set_facecolor("white")
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(stream, metadata={"Software": None})
+def _image(figure: Figure, kind: str) -> bytes:
+    """Return a figure as bytes; as PDF, for a paper, without the title, which its caption has."""
+    if kind == "pdf":
+        figure.suptitle("")
+    stream, style = BytesIO(), dict[Any, Any](_STYLE)
+    with mpl.rc_context(style):
+        figure.savefig(stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind])
     return stream.getvalue()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark, unreadable
-from cubepath.coordinator.experiments.plots import INK, Plot, plots_of
+from cubepath.coordinator.experiments.plots import INK, MEASURES, Plot, plots_of
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import (
@@ -29,7 +29,7 @@ from cubepath.coordinator.experiments.tables import (
     pairs_table,
     price_table,
     runs_table,
-    short_rules,
+    short_names,
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -144,7 +144,16 @@ class SweepReport:
         }
 
 
-def write_report(folder: Path | str, out: Path | str | None = None) -> SweepReport:
+def write_report(
+    folder: Path | str,
+    out: Path | str | None = None,
+    *,
+    pool: Sequence[str] | None = None,
+    columns: Sequence[str] = (),
+    axes: Sequence[str] = (),
+    size: Sequence[float] = (),
+    pdf: bool = False,
+) -> SweepReport:
     """Write the report on a sweep's folder: a page, and each plot as SVG and PNG.
 
     The files are written to `out`, by default the folder ``report`` in that of the sweep. Returns
@@ -152,25 +161,40 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> SweepRepo
     taken, and the others are counted as `older`. InputError if the folder is no sweep's, has no
     runs, or cannot be written to.
 
+    Scenes that differ in the keys of `pool` alone, as ``seed``, are runs of one setting; None takes
+    what the sweep's file says. With `columns`, the tables that have them are shown without others.
+    With two `axes`, the one plot is that of these columns, across and up. `size` is the width and
+    the height of a plot in inches. With `pdf`, plots are written as PDF too, without their titles.
+
     >>> results = sweep("hex:n=4..6", rules="chain", seeds=2, out="results")
     >>> report = write_report("results")
     >>> report.runs, report.files[0].name
     (6, 'report.html')
     """
+    if len(axes) not in {0, 2} or not {*axes} <= {*MEASURES}:
+        known = ", ".join(MEASURES)
+        raise InputError(f"axes: found {','.join(axes)!r}, expected two of {known}")
+    if len(size) not in {0, 2} or not all(1 <= each <= 100 for each in size):
+        raise InputError(f"size: found {size}, expected two of 1 to 100 inches")
     results = read_sweep(folder)
     if not results.rows:
         raise InputError(f"{folder}: has no finished runs, expected some to report on")
     target = file_within(Path(folder), "report") if out is None else Path(out)
     check_output_folder(target)
-    last = _of_last_versions(results.rows, read_mark(Path(folder)))
+    versions, notes = read_mark(Path(folder))
+    last = _of_last_versions(results.rows, versions)
     older = len(results.rows) - len(last)
-    rows = short_rules(last)
-    tables = tuple(make(rows) for make in (runs_table, price_table, pairs_table, growth_table))
-    plots = plots_of(rows, distances(Path(folder), {row["id"] for row in rows}))
+    rows = short_names(last, notes.pool if pool is None else pool)
+    others = [make(rows) for make in (price_table, pairs_table, growth_table)]
+    tables = runs_table(rows, notes.published), *others
+    tables = _with_columns(tables, columns) if columns else tables
+    left = distances(Path(folder), {row["id"] for row in rows})
+    plots = plots_of(rows, left, axes, size)
     page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
         files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
+        files |= {f"{plot.name}.pdf": plot.pdf()} if pdf else {}
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -179,6 +203,20 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> SweepRepo
         with written_whole(file_within(target, name)) as stream:
             stream.write(data)
     return SweepReport(len(rows), older, tables, tuple(target / name for name in files))
+
+
+def _with_columns(tables: Sequence[ReportTable], names: Sequence[str]) -> tuple[ReportTable, ...]:
+    """Return the tables that have these columns, without others; InputError if none has them."""
+    found = []
+    for table in tables:
+        if {*names} <= {*table.columns}:
+            rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+            kept = tuple(tuple(row[name] for name in names) for row in rows)
+            found.append(replace(table, columns=tuple(names), rows=kept))
+    if not found:
+        held = "; ".join(f"{table.title}: {', '.join(table.columns)}" for table in tables)
+        raise InputError(f"columns: no table has {', '.join(names)}, expected those of one: {held}")
+    return tuple(found)
 
 
 def distances(folder: Path, ids: Collection[str]) -> dict[str, NDArray[np.int64]]:

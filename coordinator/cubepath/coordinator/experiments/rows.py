@@ -40,6 +40,7 @@ RUN_COLUMNS: Mapping[str, str] = {
     "stuck": "bool",
     "rounds": "int64",
     "moves": "int64",
+    "costs": "int64",
     "reduced": "int64",
     "cubes": "int64",
     "largest_cube": "int64",
@@ -109,6 +110,12 @@ class FinishedRun:
             dict(zip(ROUND_COLUMNS, (self.run["id"], number, *values), strict=True))
             for number, values in enumerate(zip(*columns, strict=True), 1)
         ]
+
+
+def sum_of_costs(movers: Iterable[int], ends: NDArray[np.int64]) -> int:
+    """Return the rounds up to each module's last move, summed; `movers` are in order of moves."""
+    rounds = np.repeat(np.arange(1, len(ends) + 1), np.diff(ends, prepend=0)).tolist()
+    return sum(dict(zip(movers, rounds, strict=True)).values())
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:

@@ -98,7 +98,7 @@ OF_SCENES = ("optimum", "improve", "best_known", "proved")
 _ID = 16
 _WITHOUT_RESULTS = ("commands", "paper", "auditing", "testing")
 """Rooms of the coordinator whose code decides nothing about a run."""
-_OF_REPORTS = ("report", "page", "plots", "prices", "statistics", "tables")
+_OF_REPORTS = ("report", "published", "plots", "statistics", "tables")
 """Modules of this room of which the same holds."""
 
 

@@ -23,6 +23,7 @@ from cubepath.agents.rules.registry import (
 )
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.options import SweepOptions
+from cubepath.coordinator.experiments.published import PublishedResults, ReportNotes, published_in
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
     DELAY_MS_MAX,
@@ -44,8 +45,10 @@ from cubepath.protocol.core.parsing import given_values, parsed_toml
 from cubepath.protocol.core.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import family_named
-from cubepath.protocol.scenes.specs import is_scene_file, names_file, scene_from_spec, spec_within
+from cubepath.protocol.scenes.specs import files_in, is_scene_file, scene_from_spec, spec_within
 
+_SWEEPS = Path(__file__).parent / "sweeps"
+"""Sweeps that come with cubepath, each by the name of its file; a changed one has a new number."""
 STANDARD = "standard"
 """The name that stands for all standard instances."""
 _TOGETHER = {"compiled": 25, "simulated": 2, "wire": 1}
@@ -66,6 +69,8 @@ class Sweep(SweepOptions):
     least number of cubes between start and goal, by a search that keeps this many states at most,
     and `improve` for the best path that a search of this many steps finds, in any class. A run that
     takes longer than `timeout_s` seconds of the machine is ended; None lets it take what it takes.
+    `pool` and `published` are for the report: keys of systems in which replicates differ, and what
+    others published on the same systems.
 
     >>> from cubepath.coordinator import sweep
     >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))
@@ -79,6 +84,8 @@ class Sweep(SweepOptions):
     hesitate: tuple[float, ...] = (0.0,)
     faults: tuple[FaultRates, ...] = (FaultRates(),)
     seeds: tuple[int, ...] = tuple(range(10))
+    pool: tuple[str, ...] = ()
+    published: tuple[PublishedResults, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what is wrong whatever the systems are; InputError names it."""
@@ -138,6 +145,7 @@ class Expansion:
     code: str
     timeout_s: float | None
     left_out: tuple[str, ...]
+    notes: ReportNotes | None
 
     @property
     def runs(self) -> int:
@@ -191,7 +199,8 @@ def expand(sweep: Sweep) -> Expansion:
         more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
         raise InputError(f"nothing to run: {left_out[0]}{more}")
     found = tuple(settings.values())
-    return Expansion(found, sweep.seeds, code, sweep.timeout_s, tuple(left_out))
+    notes = ReportNotes(sweep.pool, sweep.published) if sweep.pool or sweep.published else None
+    return Expansion(found, sweep.seeds, code, sweep.timeout_s, tuple(left_out), notes)
 
 
 def _said(label: str, error: InputError) -> str:
@@ -303,37 +312,44 @@ def _check_core(core: str, clock: str, rates: FaultRates) -> None:
 # From files and from the command line.
 
 
-def read_sweep_file(path: Path, *, own_rules: bool = True) -> Sweep:
+def read_sweep_file(path: Path, *, own_rules: bool = True, data: Path | None = None) -> Sweep:
     """Read a sweep from a TOML file; InputError names the file and what is wrong in it.
 
-    Paths of files in it are relative to its folder, and stay in it. Its rules are rules by name,
-    since no file runs because an input names it; without `own_rules` they are left out.
+    Paths of files in it are relative to its folder, or to `data`, and stay in it. Its rules are
+    rules by name, since no file runs because an input names it; without `own_rules` they are left
+    out.
     """
+    where = path.stem if path.parent == _SWEEPS else path
     try:
         table = dict(parsed_toml(read_text(path)))
         if not own_rules:
             table.pop("rules", None)
         for rule in _several(table["rules"]) if "rules" in table else ():
             permitted_rule(_text("rules", rule))
-        return sweep_from_table(table, path.parent)
+        return sweep_from_table(table, data or path.parent)
     except InputError as error:
         line = str(error)
-        raise InputError(line if line.startswith(f"{path}:") else f"{path}: {line}") from None
+        raise InputError(line if line.startswith(f"{path}:") else f"{where}: {line}") from None
 
 
 def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
     """Return the sweep of systems, or of one file that holds a sweep; what is given counts more.
 
-    `given` is a table as that of `sweep_from_table`, without systems. InputError as there.
+    `given` is a table as that of `sweep_from_table`, without systems, and may have `data`, the
+    folder of all files that systems name. InputError as there.
     """
+    given = dict(given)
+    data = Path(given.pop("data")) if "data" in given else None
+    packaged = {path.stem: str(path) for path in _SWEEPS.glob("*.toml")}
+    systems = [packaged.get(each, each) for each in systems]
     for each in systems:
         _check_file(each)
     files = [each for each in systems if each.endswith(".toml") and is_sweep_file(Path(each))]
     if not files:
-        return sweep_from_table({"systems": list(systems), **given})
+        return sweep_from_table({"systems": list(systems), **given}, data)
     if len(systems) > 1:
         raise InputError(f"{files[0]}: holds a sweep, expected it alone")
-    found = read_sweep_file(Path(files[0]), own_rules="rules" not in given)
+    found = read_sweep_file(Path(files[0]), own_rules="rules" not in given, data=data)
     changed = sweep_from_table({"systems": list(found.systems), **given})
     return replace(found, **{key: getattr(changed, key) for key in given})
 
@@ -362,13 +378,16 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
     """Return the sweep of a table as in a TOML file; InputError says what is wrong with it.
 
     With a `folder`, paths of files are relative to it and must stay in it. The keys are those of
-    `Sweep`. A value may stand where a list of them is expected; `seeds` is a number of
-    seeds, a text as ``"5..9"``, or a list; `systems` and `faults` may be tables.
+    `Sweep`, and `data_from`, where to get the files. A value may stand where a list of them is
+    expected; `seeds` is a number of seeds, a text as ``"5..9"``, or a list; `systems` and `faults`
+    may be tables.
 
     >>> sweep_from_table({"systems": {"name": "hex", "n": [4, 8]}, "seeds": 2}).systems
     ('hex:n=4,8',)
     """
-    known = [field.name for field in fields(Sweep)]
+    known = [*(field.name for field in fields(Sweep)), "data_from"]
+    table = dict(table)
+    source = _text("data_from", table.pop("data_from", ""))
     for key in table:
         if key not in known:
             near = did_you_mean(key, known)
@@ -377,7 +396,9 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
         raise InputError("systems: missing, expected one or more")
     readers: Mapping[str, Callable[[object], object]] = {
         "systems": lambda value: tuple(
-            name for each in map(_system_text, _several(value)) for name in _placed(folder, each)
+            name
+            for each in map(_system_text, _several(value))
+            for name in _placed(folder, each, source)
         ),
         "rules": lambda value: tuple(_text("rules", each) for each in _several(value)),
         "clocks": lambda value: tuple(_text("clocks", each) for each in _several(value)),
@@ -386,17 +407,24 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
             rates for each in _several(value) for rates in _rates_of(each)
         ),
         "seeds": _seeds,
+        "pool": lambda value: tuple(_text("pool", each) for each in _several(value)),
+        "published": published_in,
     }
     found = {key: readers[key](value) if key in readers else value for key, value in table.items()}
     return Sweep(**cast("dict[str, Any]", found))
 
 
-def _placed(folder: Path | None, text: str) -> list[str]:
+def _placed(folder: Path | None, text: str, source: str) -> list[str]:
     """Return a system with the paths of its files from here: several where its keys name files."""
     if folder is None or text == STANDARD:
         return [text]
     names = expanded(text)
-    return [spec_within(folder, name) for name in names] if any(map(names_file, names)) else [text]
+    files = {file for name in names for file in files_in(name)}
+    found = [spec_within(folder, name) for name in names] if files else [text]
+    for file in sorted(files) if source else ():
+        if not (folder / file).is_file():
+            raise InputError(f"{file}: not found, expected --data DIR with it, from {source}")
+    return found
 
 
 def _several(value: object) -> Sequence[object]:

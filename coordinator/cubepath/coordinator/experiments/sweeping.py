@@ -97,6 +97,7 @@ def sweep(
     optimum: int | None = None,
     improve: int | None = None,
     timeout_s: float | None = None,
+    data: Path | str | None = None,
     out: Path | str | None = None,
     jobs: int = 1,
     cluster: str | None = None,
@@ -107,7 +108,8 @@ def sweep(
 
     `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
     up to `timeout_s` is one value or several, as in such a file (see `Sweep`), and replaces what
-    the file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
+    the file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds. Paths in the
+    file are relative to `data`, if that is given.
 
     With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
     there are not played again; `record` keeps a recording of each run with messages there. `jobs`
@@ -141,6 +143,7 @@ def sweep(
         "optimum": optimum,
         "improve": improve,
         "timeout_s": timeout_s,
+        "data": None if data is None else str(data),
     }
     table = {key: _plain(value) for key, value in given.items() if value is not None}
     if isinstance(systems, Sweep):
@@ -209,7 +212,7 @@ def play_sweep(
         writing = None if folder is None else stack.enter_context(SweepFolder(folder))
         known = dict[str, str | None]()
         if writing is not None:
-            known = writing.begin(expansion.batches, timeout_s)
+            known = writing.begin(expansion.batches, timeout_s, expansion.notes)
         recordings = None
         if record and folder is not None:
             recordings = file_within(folder, "recordings").absolute()

@@ -10,13 +10,17 @@ rounds over the best known is a product of three ratios, each 1 or more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any
 
 from matplotlib.axes import Axes
 
+from cubepath.coordinator.experiments.published import PublishedResults
 from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
 from cubepath.coordinator.experiments.statistics import (
     SIZES_MIN,
@@ -28,6 +32,7 @@ from cubepath.coordinator.experiments.statistics import (
     share_interval,
     sign_test,
 )
+from cubepath.protocol.core.errors import InputError
 
 _ALIKE = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
 _PARTS = ("processes", "keepers")
@@ -78,13 +83,30 @@ def shown(value: object) -> str:
             return str(value)
 
 
-def short_rules(rows: Iterable[Row]) -> list[Row]:
-    """Return rows whose rules from files are named without folders, where that is unambiguous."""
-    several = list(rows)
-    rules = {str(row["rule"]) for row in several}
-    names = [rule.rpartition("/")[2] for rule in rules]
-    short = {rule: name for rule in rules if names.count(name := rule.rpartition("/")[2]) == 1}
-    return [row | {"rule": short.get(row["rule"], row["rule"])} for row in several]
+def short_names(rows: Iterable[Row], pool: Sequence[str] = ()) -> list[Row]:
+    """Return rows whose files are named without folders, where that is unambiguous.
+
+    Systems that differ in the keys of `pool` alone have one name; `scene` tells them apart.
+    InputError for a key that no system has.
+    """
+    several = [row | {"scene": scene_of(row)} for row in rows]
+    for key in pool:
+        if not any(re.search(rf"[:,]{re.escape(key)}=", row["scene"]) for row in several):
+            raise InputError(
+                f"pool={key}: no system here has this key, expected one that some have"
+            )
+    for column, name in (("system", partial(without_keys, keys=pool)), ("rule", str)):
+        long = {row[column]: name(row[column]) for row in several}
+        short = {each: re.sub(r"(^|=)[^,=]*/", r"\1", each) for each in {*long.values()}}
+        counts = Counter(short.values())
+        names = {each: short[one] if counts[short[one]] == 1 else one for each, one in long.items()}
+        several = [row | {column: names[row[column]]} for row in several]
+    return several
+
+
+def scene_of(row: Row) -> str:
+    """Return the one scene of a run, by whatever name it is pooled with others."""
+    return str(row.get("scene", row["system"]))
 
 
 def groups(rows: Iterable[Row], keys: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
@@ -113,14 +135,14 @@ def varying(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
     ]
 
 
-def best_by_system(rows: Iterable[Row]) -> dict[str, int]:
+def best_by_scene(rows: Iterable[Row]) -> dict[str, int]:
     """Return for each system the fewest cubes that are known between its start and its goal.
 
     They are those of a run to the goal, whatever its setting, or were known before; a system
     without either is left out.
 
     >>> run = {"system": "hex:n=4", "goal": True, "optimum": None, "best_known": None}
-    >>> best_by_system([run | {"cubes": 14}, run | {"cubes": 11}, run | {"cubes": 12}])
+    >>> best_by_scene([run | {"cubes": 14}, run | {"cubes": 11}, run | {"cubes": 12}])
     {'hex:n=4': 11}
     """
     found: dict[str, int] = {}
@@ -128,7 +150,7 @@ def best_by_system(rows: Iterable[Row]) -> dict[str, int]:
         own = row["cubes"] if row["goal"] else None
         for cubes in (own, row["optimum"], row["best_known"]):
             if cubes is not None:
-                found[row["system"]] = min(cubes, found.get(row["system"], cubes))
+                found[scene_of(row)] = min(cubes, found.get(scene_of(row), cubes))
     return found
 
 
@@ -141,11 +163,13 @@ def rounds_or_limit(row: Row) -> int | None:
     return rounds
 
 
-def runs_table(rows: Sequence[Row]) -> ReportTable:
-    """Return the results of the runs of each setting."""
+def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) -> ReportTable:
+    """Return the results of the runs of each setting, with what others published on it."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
-    best = best_by_system(rows)
+    best = best_by_scene(rows)
+    rows = [row | {"best": best.get(scene_of(row))} for row in rows]
+    paid = groups(priced(rows), keys)
     # With rounds it may say the same again.
     timed = any(row["time"] not in {None, row["rounds"]} for row in rows)
     found = []
@@ -159,23 +183,35 @@ def runs_table(rows: Sequence[Row]) -> ReportTable:
                 _mean(several, rounds_or_limit),
                 _mean(reached if timed else (), lambda row: row["time"]),
                 _mean(reached, lambda row: row["moves"]),
+                _mean(reached, lambda row: row.get("costs")),
                 _mean(reached, lambda row: row["cubes"]),
-                max((row["bound"] for row in several if row["bound"] is not None), default=None),
-                best.get(several[0]["system"]),
+                _over_scenes(several, "bound"),
+                _over_scenes(several, "best"),
+                _geometric(paid[key], "price") if key in paid else None,
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
                 sum(bool(row["stuck"]) for row in several),
                 sum(row["ended"] in FAILURES for row in several),
             )
         )
+    systems = [row[0] for row in found]
+    blank, rest = [None] * (len(keys) - 2), [None] * (len(found[0]) - len(keys) - 3)
+    others = [(each, row) for each in published for row in each.results if row[0] in systems]
+    for each, (system, name, share, rounds) in others:
+        goal = share_interval(round(share * each.runs), each.runs)
+        found.append((system, f"{name} (published)", *blank, each.runs, goal, rounds, *rest))
+    found.sort(key=lambda row: systems.index(row[0]))
     return ReportTable(
         "Runs",
-        "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
+        "".join(f"Published: {source} " for source in dict.fromkeys(e.source for e, _ in others))
+        + "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
         " Pearson). Rounds are means over all runs, where a run that did not reach its goal counts"
-        " as its limit; time, moves and cubes are means over the runs that did. Intervals are those"
-        " of 2,000 seeded bootstrap resamples, at 95%. Best is the fewest cubes known in the"
-        " system, including those of all runs here. Time is in turns of a module that is not slow,"
-        " under the simulator in virtual seconds; it is shown if it differs from the rounds.",
+        " as its limit; time, moves, costs, cubes and price are means over the runs that did. Costs"
+        " are the rounds up to each module's last move, summed over all modules. Intervals are"
+        " those of 2,000 seeded bootstrap resamples, at 95%. Best is the fewest cubes known in the"
+        " system, including those of all runs here; price is rounds over best. Time is in"
+        " turns of a module that is not slow, under the simulator in virtual seconds; it is shown"
+        " if it differs from the rounds.",
         (
             *keys,
             "runs",
@@ -183,9 +219,11 @@ def runs_table(rows: Sequence[Row]) -> ReportTable:
             "rounds",
             "time",
             "moves",
+            "costs",
             "cubes",
             "bound",
             "best",
+            "price",
             "conflicts",
             "messages",
             "stuck",
@@ -200,13 +238,24 @@ def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interv
     return mean_interval(numbers) if numbers else None
 
 
+def _over_scenes(rows: Iterable[Row], column: str) -> int | Interval | None:
+    """Return the greatest that is known of a scene, or of several pooled ones the mean."""
+    known: dict[str, int] = {}
+    for row in rows:
+        if row[column] is not None:
+            known[scene_of(row)] = max(known.get(scene_of(row), 0), row[column])
+    values = list(known.values())
+    return mean_interval(values) if len(values) > 1 else next(iter(values), None)
+
+
 def pairs_table(rows: Sequence[Row]) -> ReportTable:
     """Return how the rules compare, two by two, on the same systems and seeds."""
     keys = varying(rows, WORLD)
+    rows = [row | {"scene": scene_of(row)} for row in rows]
     found = []
     for key, several in groups(rows, keys).items():
         by_rule: dict[str, dict[Any, Row]] = {}
-        for (rule, *place), copies in groups(several, ("rule", *WORLD, "seed")).items():
+        for (rule, *place), copies in groups(several, ("rule", "scene", *WORLD, "seed")).items():
             # Of versions of a run none counts more than the others, nor does it count twice.
             if len({(row["goal"], row["rounds"]) for row in copies}) == 1:
                 by_rule.setdefault(rule, {})[tuple(place)] = copies[0]
@@ -270,17 +319,26 @@ def without_size(system: str) -> str:
     >>> without_size("agv:graph=K9,n=4"), without_size("hex:n=4"), without_size("mine.toml")
     ('agv:graph=K9', 'hex', 'mine.toml')
     """
+    return without_keys(system, ("n",))
+
+
+def without_keys(system: str, keys: Sequence[str]) -> str:
+    """Return the name of a system without some of its keys."""
     name, _, rest = system.partition(":")
-    keys = ",".join(part for part in rest.split(",") if part and not part.startswith("n="))
-    return f"{name}:{keys}" if keys else name
+    kept = ",".join(part for part in rest.split(",") if part.partition("=")[0] not in {*keys, ""})
+    return f"{name}:{kept}" if kept else name
 
 
-def by_size(rows: Sequence[Row], measure: str) -> Mapping[int, Interval]:
-    """Return the means of a measure over the runs that have it, by modules."""
-    known = [row for row in rows if row[measure] is not None]
+def by_size(rows: Sequence[Row], measure: str, size: str = "modules") -> dict[float, Interval]:
+    """Return the means of a measure over the runs that have it, by modules or another column.
+
+    Of `goal` it is the share, with its exact interval.
+    """
+    known = [row for row in rows if row[measure] is not None and row[size] is not None]
     return {
-        size: mean_interval([row[measure] for row in several])
-        for (size,), several in sorted(groups(known, ["modules"]).items())
+        at: share_interval(sum(values), len(values)) if measure == "goal" else mean_interval(values)
+        for (at,), several in sorted(groups(known, [size]).items())
+        for values in [[row[measure] for row in several]]
     }
 
 
@@ -338,16 +396,18 @@ def priced(rows: Iterable[Row]) -> list[Row]:
     """
     several = list(rows)
     reached = [row for row in several if row["goal"] and row["cubes"]]
-    best = best_by_system(several)
+    best = best_by_scene(several)
     fewest = {
         key: min(row["cubes"] for row in mine)
-        for key, mine in groups(reached, ["system", "rule"]).items()
+        for key, mine in groups(
+            [row | {"scene": scene_of(row)} for row in reached], ["scene", "rule"]
+        ).items()
     }
     found = []
     for row in reached:
         if row["clock"] == "free":
             continue
-        least, known = fewest[row["system"], row["rule"]], best[row["system"]]
+        least, known = fewest[scene_of(row), row["rule"]], best[scene_of(row)]
         factors = (row["rounds"] / row["cubes"], row["cubes"] / least, least / known)
         paid = {"best": known, "price": row["rounds"] / known}
         found.append(row | dict(zip(FACTORS, factors, strict=True)) | paid)
@@ -360,14 +420,13 @@ def price_table(rows: Sequence[Row]) -> ReportTable:
     keys = ["system", "rule", *varying(paid, WORLD)[1:]]
     found = []
     for key, several in groups(paid, keys).items():
-        bounds = [row["bound"] for row in several if row["bound"] is not None]
         found.append(
             (
                 *key,
                 several[0]["modules"],
                 len(several),
-                max(bounds, default=None),
-                several[0]["best"],
+                _over_scenes(several, "bound"),
+                _over_scenes(several, "best"),
                 *(_geometric(several, name) for name in (*FACTORS, "price")),
             )
         )

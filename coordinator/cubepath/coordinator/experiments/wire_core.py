@@ -24,6 +24,7 @@ from cubepath.coordinator.experiments.outcomes import (
     MAX_ROUNDS,
     PlayedRun,
 )
+from cubepath.coordinator.experiments.rows import sum_of_costs
 from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thinking
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -49,6 +50,7 @@ def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | N
     numbers = Ordinals[Change]()
     state = set(found.scene.start_state)
     moves: list[int] = []
+    movers: list[int] = []
     ends: list[int] = []
     for step in found.steps:
         for action in step.actions:
@@ -59,6 +61,7 @@ def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | N
             state -= off
             state |= on
             moves.append(numbers[off, on])
+        movers += [move.module for move in step.executed]
         ends.append(len(moves))
     heap = found.heap
     return PlayedRun(
@@ -66,6 +69,7 @@ def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | N
         measures=facts.measures(numbers),
         ends=np.array(ends, np.int64),
         sites=tuple(found.sites),
+        costs=sum_of_costs(movers, np.array(ends, np.int64)),
         reduced=heap.reduced_moves,
         cubes=heap.cubes,
         largest_cube=heap.max_cube_dimension,

@@ -22,7 +22,7 @@ from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.remains import Remains, remains_of
 from cubepath.protocol.recordings.writing import copy_recording
-from cubepath.protocol.scenes.specs import names_file, scene_from_spec
+from cubepath.protocol.scenes.specs import files_in, scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.free_messages import Commit, CommitLog
 from cubepath.protocol.wire.messages import Report
@@ -103,7 +103,7 @@ def _equal(one: Scene, other: Scene) -> bool:
 def _may_be(named: str, scene: Scene) -> bool:
     """Return whether a scene may be the one of a name in a recording, which opens no file."""
     try:
-        return names_file(named) or _equal(scene_from_spec(named), scene)
+        return bool(files_in(named)) or _equal(scene_from_spec(named), scene)
     except InputError:
         return True
 

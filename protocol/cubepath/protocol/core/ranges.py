@@ -8,7 +8,11 @@ from itertools import product
 
 from cubepath.protocol.core.errors import InputError, OptionError
 
-_RANGE = re.compile(r"(-?\d{1,18})\.\.(-?\d{1,18})(?:\.\.(-?\d{1,18}))?", re.ASCII)
+_RANGE = re.compile(
+    r"((?:.*?[^\d.])??)((?:^-)?\d{1,18})\.\.(-?\d{1,18})(?:\.\.(-?\d{1,18}))?((?!\.\.)(?:\D.*)?)",
+    re.ASCII,
+)
+"""What is before a range, its first and last number and its step, and what comes after it."""
 _WHOLE = re.compile(r"-?\d{1,18}", re.ASCII)
 MOST = 1_000_000
 """A range or a product of ranges has at most this many values: more is taken for a slip."""
@@ -20,15 +24,16 @@ def values(text: str, where: str) -> list[str]:
     """Return the values that a part of a name stands for: those of a range, or itself alone.
 
     ``A..B`` has the whole numbers from A to B, both included, and ``A..B..STEP`` each STEP-th of
-    them. InputError, beginning with `where`, for a range that has none or too many.
+    them, also within a text. InputError, beginning with `where`, for a range that has none or too
+    many.
 
-    >>> values("4..12..4", "n"), values("K5", "graph")
-    (['4', '8', '12'], ['K5'])
+    >>> values("4..12..4", "n"), values("K5", "graph"), values("map-1..2.scen", "scene")
+    (['4', '8', '12'], ['K5'], ['map-1.scen', 'map-2.scen'])
     """
     found = _RANGE.fullmatch(text)
     if found is None:
         return [text]
-    first, last, step = int(found[1]), int(found[2]), int(found[3] or 1)
+    first, last, step = int(found[2]), int(found[3]), int(found[4] or 1)
     if step < 1 or last < first:
         raise InputError(
             f"{where}: {text!r} is an empty range, expected A..B or A..B..STEP with A at most B"
@@ -36,7 +41,7 @@ def values(text: str, where: str) -> list[str]:
         )
     if (last - first) // step >= MOST:
         raise InputError(f"{where}: {text!r} has more than {MOST} values")
-    return [str(number) for number in range(first, last + 1, step)]
+    return [f"{found[1]}{number}{found[5]}" for number in range(first, last + 1, step)]
 
 
 def expanded(text: str) -> list[str]:

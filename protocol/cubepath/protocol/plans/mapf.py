@@ -55,6 +55,7 @@ from cubepath.protocol.plans.imported import (
     text,
 )
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
+from cubepath.protocol.systems.benchmarks import VehicleTask, task_from_scen
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
@@ -267,7 +268,7 @@ def _beside(
 ) -> tuple[Graph, Sequence[Cell] | None, Sequence[Cell] | None]:
     """Return the map, and the starts and goals of the scenario if there is one."""
     graph: Graph | None = None
-    scenario: tuple[list[Cell], list[Cell]] | None = None
+    scenario: VehicleTask | None = None
     for companion in request.companions:
         with opened(companion) as file:
             is_scenario = re.match(r"\s*version\b", file.text()) is not None
@@ -275,7 +276,7 @@ def _beside(
                 what = "scenario" if is_scenario else "map"
                 raise InputError(f"{companion}: a second {what}, expected one")
             if is_scenario:
-                scenario = _scenario(file)
+                scenario = task_from_scen(file)
             else:
                 graph = graph_from_map(file)
     if graph is None:
@@ -283,32 +284,11 @@ def _beside(
         raise InputError(f"{request.path}: a plan on a map: expected the map{named}, --with FILE")
     if scenario is None:
         return graph, None, None
-    if len(scenario[0]) < len(plan.paths):
+    if len(scenario.starts) < len(plan.paths):
         raise InputError(
-            f"{request.path}: {len(plan.paths)} agents, in the scenario {len(scenario[0])}"
+            f"{request.path}: {len(plan.paths)} agents, in the scenario {len(scenario.starts)}"
         )
-    return graph, *scenario
-
-
-def _scenario(file: InputFile) -> tuple[list[Cell], list[Cell]]:
-    """Read the starts and goals of a movingai scenario; a plan uses the first ones.
-
-    Its lines hold bucket, map, the map's width and height, start x and y, goal x and y, and a
-    length (Sturtevant, Benchmarks for Grid-Based Pathfinding;
-    movingai.com/benchmarks/formats.html).
-    """
-    starts, goals = [], []
-    for number, line in list(_lines(file))[1:]:
-        words = line.split()
-        if len(words) != 9 or not all(re.fullmatch(r"[0-9]{1,9}", word) for word in words[2:8]):
-            raise InputError(
-                f"{file.path}:{number}: found {_short(line)}, expected bucket, map, width, height,"
-                " start x y, goal x y, length"
-            )
-        numbers = [int(word) for word in words[4:8]]
-        starts.append((numbers[0], numbers[1]))
-        goals.append((numbers[2], numbers[3]))
-    return starts, goals
+    return graph, scenario.starts, scenario.goals
 
 
 def _in_order(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import starmap
 from pathlib import Path
 from typing import cast
 
@@ -35,16 +34,16 @@ def is_scene_file(spec: str) -> bool:
     return (spec.endswith(".toml") or "/" in name) and sound_family(name) is None
 
 
-def names_file(spec: str) -> bool:
-    """Return whether a name, or the value of one of its keys, is the path of a file.
+def files_in(spec: str) -> list[str]:
+    """Return the paths of files that a name has: itself, or the values of its keys.
 
     InputError if there is no such family or key.
     """
     name, _, rest = spec.partition(":")
     if is_scene_file(spec):
-        return True
-    family = family_named(name)
-    return any(starmap(family.is_file, given_values(rest, family.keys, spec).items()))
+        return [spec]
+    family, given = family_named(name), given_values(rest, family_named(name).keys, spec)
+    return [value for key, value in given.items() if family.is_file(key, value)]
 
 
 def spec_within(folder: Path, spec: str) -> str:

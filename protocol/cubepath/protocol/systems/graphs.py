@@ -212,6 +212,21 @@ def _planner_rounds(path: Path, found: _ScenarioFile) -> int | None:
     return rounds
 
 
+def check_vehicles(
+    where: str, graph: Graph, starts: Iterable[tuple[int, int]], goals: Iterable[tuple[int, int]]
+) -> None:
+    """Raise InputError, beginning with `where`, unless each cell is free and taken once."""
+    free = set(graph.vertices)
+    for what, cells in (("start", starts), ("goal", goals)):
+        seen: set[tuple[int, int]] = set()
+        for number, cell in enumerate(cells):
+            if cell not in free:
+                raise InputError(f"{where}: {what} {number} at {list(cell)} is no free cell")
+            if cell in seen:
+                raise InputError(f"{where}: {what} {number} at {list(cell)} is taken twice")
+            seen.add(cell)
+
+
 def scenario_from_json(source: Source) -> PlannerInstance:
     """Read a scenario file; a missing `grid` is the bounding box of all named cells, one larger.
 
@@ -239,17 +254,9 @@ def scenario_from_json(source: Source) -> PlannerInstance:
         if not named:
             raise InputError(f"{path}: no vehicle and no grid")
         graph = graph_round(str(path), named, obstacles)
-    free = set(graph.vertices)
     if len(found.starts) != len(found.goals):
         raise InputError(f"{path}: {len(found.starts)} starts and {len(found.goals)} goals")
-    for what, cells in (("start", found.starts), ("goal", found.goals)):
-        seen: set[tuple[int, int]] = set()
-        for number, cell in enumerate(cells):
-            if cell not in free:
-                raise InputError(f"{path}: {what} {number} at {list(cell)} is no free cell")
-            if cell in seen:
-                raise InputError(f"{path}: {what} {number} at {list(cell)} is taken twice")
-            seen.add(cell)
+    check_vehicles(str(path), graph, found.starts, found.goals)
     planner_rounds = _planner_rounds(path, found)
     return PlannerInstance(
         graph=graph,

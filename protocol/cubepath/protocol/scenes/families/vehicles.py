@@ -22,15 +22,24 @@ from cubepath.protocol.scenes.random_scenes import (
     walked,
 )
 from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.systems.benchmarks import (
+    VehicleTask,
+    graph_from_yaml,
+    task_from_scen,
+    task_from_yaml,
+)
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import (
     Graph,
+    PlannerInstance,
+    check_vehicles,
     graph_from_name,
     is_named_graph,
     scenario_from_json,
 )
 
 _GRAPH = "grid6x6"
+_YAML = (".yaml", ".yml")
 
 
 def _agv(name: str, values: Values) -> Scene:
@@ -39,21 +48,10 @@ def _agv(name: str, values: Values) -> Scene:
     if values["seed"]:
         return _random(name, values)
     _check_nothing_random(values)
-    scenario = None
-    graph: Graph | None = None
     if values["scene"]:
-        scenario = scenario_from_json(Path(values["scene"]))
-        graph = scenario.graph
-    if graph is None or values["graph"]:
-        graph = graph_from_name(values["graph"] or _GRAPH)
-    if scenario is not None:
-        starts, goals = scenario.starts, scenario.goals
-        if values["n"]:
-            count = whole(values, "n", least=1)
-            if count > len(starts):
-                raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
-            starts, goals = starts[:count], goals[:count]
+        graph, starts, goals = _of_scene(values)
     else:
+        graph = _graph(values)
         vertices = in_order(graph.vertices)
         count = whole({"n": values["n"] or "2"}, "n", least=1)
         if count > len(vertices):
@@ -63,6 +61,43 @@ def _agv(name: str, values: Values) -> Scene:
         goals = tuple(reversed(vertices))[:count]
     system = _system(graph, len(starts), labelled=labelled)
     return _scene(name, system, starts, goals)
+
+
+def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
+    """Return the graph, starts and goals of a scene's file: of its first n vehicles, or of all."""
+    path, on = Path(values["scene"]), values["graph"]
+    task: PlannerInstance | VehicleTask
+    if path.suffix == ".scen":
+        task = task_from_scen(path)
+        if Path(on).name != Path(task.map_name).name:
+            raise InputError(f"{path}: on {task.map_name}, expected graph=FILE of that name")
+        graph = _graph(values)
+    elif path.suffix in _YAML:
+        task = task_from_yaml(path, values["entry"])
+        if Path(on).suffix not in _YAML:
+            raise InputError(f"{path}: on {task.map_name}, expected graph=FILE.yaml with that map")
+        graph = graph_from_yaml(Path(on), task.map_name)
+    else:
+        task = scenario_from_json(path)
+        graph = _graph(values) if on else task.graph
+    starts, goals = task.starts, task.goals
+    if values["n"]:
+        count = whole(values, "n", least=1)
+        if count > len(starts):
+            raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
+        starts, goals = starts[:count], goals[:count]
+    if isinstance(task, VehicleTask):
+        check_vehicles(str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)])
+    return graph, starts, goals
+
+
+def _graph(values: Values) -> Graph:
+    name = values["graph"] or _GRAPH
+    if Path(name).suffix in _YAML:
+        return graph_from_yaml(Path(name), values["entry"])
+    if values["entry"]:
+        raise InputError(f"entry={values['entry']}: expected graph=FILE.yaml too")
+    return graph_from_name(name)
 
 
 def _check_nothing_random(values: Values) -> None:
@@ -83,7 +118,7 @@ def _random(name: str, values: Values) -> Scene:
     seed = whole(values, "seed", least=0, most=SEED_MAX)
     named = values["graph"] or _GRAPH
     draw = random_graph(named)
-    graph = graph_from_name(named) if draw is None else draw(Stream(f"graph:{named}", seed))
+    graph = _graph(values) if draw is None else draw(Stream(f"graph:{named}", seed))
     if values["open"]:
         graph = open_part(graph, values["open"], Stream("open", seed))
     vertices = in_order(graph.vertices)
@@ -128,10 +163,11 @@ def _scene(name: str, system: GraphSystem, starts: Sequence[Site], goals: Sequen
 _KEYS = {
     "graph": (
         "",
-        "grid6x6, K5, C8, P9, S4, tree20, gnp20x0.2, regular20x3 or a file: .map or an edge list",
+        "grid6x6, K5, C8, P9, S4, tree20, gnp20x0.2, regular20x3, a file: .map, .yaml, edge list",
     ),
     "n": ("", "number of vehicles, 2 or all of the scene"),
-    "scene": ("", "a JSON file with starts and goals"),
+    "scene": ("", "a file with starts and goals: JSON, or .scen or POGEMA's .yaml for a graph"),
+    "entry": ("", "of POGEMA's files: the scenario, or without one the map, by name or number"),
     "seed": ("", "of random starts and goals, and of a random graph"),
     "open": ("", "share of the vertices that are open; the largest connected part is taken"),
     "walk": WALK_KEY,
