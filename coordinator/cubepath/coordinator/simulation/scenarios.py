@@ -85,6 +85,7 @@ INSTANCES: Mapping[str, Instance] = {
     ),
     "words": _word,
     "assembly": _assembly,
+    "compression": lambda modules, _: f"compression:n={modules}",
 }
 """For each family the scenes that are simulated; of another one its default scene is."""
 _ALWAYS_LARGE = frozenset(("arms",))
