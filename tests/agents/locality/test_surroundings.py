@@ -64,7 +64,7 @@ def life_of(spec: str, module: int) -> ModuleLife:
     # What counts here is how many rounds it saw, and which.
     before = list(range(ROUNDS))
     return ModuleLife(
-        module, count, scene.start[module], goals, 0, [{} for _ in before], before=before
+        module, count, scene.start[module], goals, 0, 0, [{} for _ in before], before=before
     )
 
 

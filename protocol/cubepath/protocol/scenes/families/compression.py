@@ -131,5 +131,6 @@ FAMILIES = (
         },
         _compression,
         LatticeSystem,
+        "compression",
     ),
 )
