@@ -85,7 +85,6 @@ INSTANCES: Mapping[str, Instance] = {
     ),
     "words": _word,
     "assembly": _assembly,
-    "compression": lambda modules, _: f"compression:n={modules}",
 }
 """For each family the scenes that are simulated; of another one its default scene is."""
 _ALWAYS_LARGE = frozenset(("arms",))
@@ -200,12 +199,13 @@ def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     rule = asked.rule or random.choice(fitting_rules(scene, foreign=True))
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
+    endless = rule == "random" or scene.goal is None
     return Scenario(
         system=spec,
         rule=rule,
         processes=random.randint(1, min(modules, _PROCESSES_MAX)),
         hesitate=random.choice(_HESITATE),
-        max_rounds=random.randint(*_WITHOUT_GOAL) if rule == "random" else to_goal,
+        max_rounds=random.randint(*_WITHOUT_GOAL) if endless else to_goal,
         seed=random.randrange(1 << 16),
     )
 
@@ -303,7 +303,8 @@ class FreeScenario:
         """Return whether the rule moves towards a goal; those of other people may not."""
         if self.ends_at_goal is not None:
             return self.ends_at_goal
-        return self.rule in BUILT_IN and self.rule != "random"
+        endless = self.rule == "random" or self.scene.goal is None
+        return self.rule in BUILT_IN and not endless
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""
