@@ -11,9 +11,9 @@ from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell
 from cubepath.protocol.core.sites import Site
 
 Shape = tuple[Cell, ...]
-_BATCHES = 20
+_PARTS = 20
 _T = 2.09
-"""Student's t for 19 degrees of freedom, two-sided, 95%."""
+"""Student's t, two-sided, 95%, for 19 degrees of freedom; for more it is less."""
 
 
 def neighbours(cell: Cell) -> list[Cell]:
@@ -79,21 +79,27 @@ class Distance(NamedTuple):
         return f"{self.found:.4f} +- {self.error:.4f}"
 
 
-def distance(sample: Sequence[Shape], bias: float) -> Distance:
-    """Return how far shapes, one after the other, are from their exact shares up to symmetry.
+def distance(runs: Sequence[Sequence[Shape]], bias: float) -> Distance:
+    """Return how far the shapes in several runs are from their exact shares up to symmetry.
 
-    The total variation is half the sum of the signed differences. With the signs that were found
-    it is the mean of a function of the shape, so its error follows from the means of 20 batches.
+    One run alone is cut into 20, each much longer than shapes last. The total variation is half the
+    sum of the signed differences. With the signs that were found it is the mean of a function of
+    the shape, so its error follows from the means of the runs.
     """
-    shapes = all_shapes(len(sample[0]))
-    due: Counter[Shape] = Counter()
+    if len(runs) == 1:
+        size = len(runs[0]) // _PARTS
+        runs = [runs[0][part * size : (part + 1) * size] for part in range(_PARTS)]
+    shapes = all_shapes(len(runs[0][0]))
     kinds = {shape: up_to_symmetry(shape) for shape in shapes}
+    due = dict.fromkeys(kinds.values(), 0.0)
     for shape, share in zip(shapes, shares(shapes, bias), strict=True):
-        due[kinds[shape]] += share  # type: ignore[assignment]
-    found = Counter(kinds[shape] for shape in sample)
-    signs = {kind: 1 if found[kind] / len(sample) > due[kind] else -1 for kind in due}
-    centre = sum(signs[kind] * share for kind, share in due.items())
-    size = len(sample) // _BATCHES
-    batches = [sample[number * size : (number + 1) * size] for number in range(_BATCHES)]
-    means = [fmean(signs[kinds[shape]] for shape in batch) / 2 for batch in batches]
-    return Distance(fmean(means) - centre / 2, _T * stdev(means) / len(means) ** 0.5)
+        due[kinds[shape]] += share
+    found = [Counter(kinds[shape] for shape in run) for run in runs]
+    total = sum(found, Counter[Shape]())
+    size = total.total()
+    signs = {kind: 1 if total[kind] / size > share else -1 for kind, share in due.items()}
+    means = [
+        sum(signs[kind] * (each[kind] / each.total() - share) for kind, share in due.items()) / 2
+        for each in found
+    ]
+    return Distance(fmean(means), _T * stdev(means) / len(means) ** 0.5)

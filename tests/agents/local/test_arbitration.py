@@ -186,7 +186,7 @@ def names_in(path: Path) -> set[str]:
     [
         ("commute", "local/arbitration.py"),
         ("RANK", "local/arbitration.py"),
-        ("possible_slots", "local/observation.py"),
+        ("possible", "local/observation.py"),
         ("apply_in_place", None),
     ],
 )

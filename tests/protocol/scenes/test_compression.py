@@ -5,12 +5,10 @@ from collections.abc import Iterable, Iterator
 from itertools import combinations
 
 import pytest
-from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.families.compression import has_holes
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -113,14 +111,6 @@ def test_the_moves_are_those_of_the_paper() -> None:
                     for move in SYSTEM.moves(here)
                 )
                 assert legal == by_the_paper(cells, here, there)
-
-
-@given(st.sets(st.sampled_from(sorted(around((0, 0)) | around((1, 0)) | around((0, 1))))))
-def test_moves_are_found_by_their_supports_as_they_are_one_by_one(others: set[Cell]) -> None:
-    """Looking up what each support shows finds the same slots as trying every move."""
-    on = others | {(0, 0)}
-    found = sorted(SYSTEM.possible_slots((0, 0), on))
-    assert found == list(System.possible_slots(SYSTEM, (0, 0), on))
 
 
 @pytest.mark.parametrize(

@@ -124,8 +124,9 @@ def observe(
             on.add(shown)
     mask = np.zeros(system.move_slots + 1, dtype=np.int8)
     mask[STAY] = 1
-    for slot in system.possible_slots(site, on):
-        mask[slot] = 1
+    for slot, move in enumerate(system.moves(site), 1):
+        if move is not None and move.possible(on):
+            mask[slot] = 1
     found: Observation = {"observation": np.array(numbers, dtype=np.int32), "action_mask": mask}
     if note_length:
         heard = np.full((system.reach_slots, note_length), SILENT, dtype=np.int32)

@@ -124,6 +124,11 @@ def streams_of(seeds: Sequence[int], modules: int, purpose: int) -> Streams:
     return found
 
 
+def shared_streams_of(seeds: Sequence[int]) -> Streams:
+    """Return the streams that the modules of each environment share, of shape (E, 1)."""
+    return np.array([[seed_key(seed, SHARED)] for seed in seeds], np.uint64)
+
+
 @compiled
 def _draw(streams: Streams, environment: int, module: int) -> np.uint64:
     found: np.uint64 = hashed_compiled(streams[environment, module], _word(0))

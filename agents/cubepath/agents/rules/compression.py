@@ -5,15 +5,14 @@ self-organizing particle systems (PODC 2016, arXiv 1603.07991). There modules st
 the rounds are our own.
 
 A module senses the cells within two steps. It remembers nothing but how much it has drawn, and says
-nothing. It has no goal, and never gives up. The runs sample shapes: in the limit a connected shape
+nothing. It has no goal, and never gives up. Its runs sample shapes: in the limit a connected shape
 without holes, up to translation, has the probability pi, proportional to lambda ** pairs, where
-`pairs` counts its pairs of neighbours. For lambda > 2 + sqrt(2) large shapes are compact, for
-lambda < 2.17 they are not (both in the paper and its journal version).
+`pairs` counts its pairs of neighbours.
 
-Under the lockstep clock. In each round all modules draw the same one of 15 patterns (`partner`)
+Under the lockstep clock. In each round all modules draw the same one of 15 patterns (`way`)
 from a stream that they share. A pattern is a set of pairs of neighbouring cells, of which any two
 are at least two steps apart. A module whose cell is in a pair may step to the other cell of the
-pair. If that is legal, it does with probability 0.9 * min(1, lambda ** gained), where `gained` is
+pair. If that is legal, it does so with probability 0.9 min(1, lambda ** gained), where `gained` is
 by how much the number of its neighbours grows.
 
 A round keeps pi exactly.
@@ -22,16 +21,16 @@ A round keeps pi exactly.
    modules are or on what they draw by themselves.
 2. Given the pattern, pairs do not affect each other. Whether a step is legal and what it gains
    depends on the pair and the eight cells round it. No cell of another pair is among these ten, so
-   their steps change neither. The moves commute, no claim is lost, and a round is the product
-   of one kernel for each pair, in any order.
+   the steps of other pairs change neither. The moves commute, no claim is lost, and a round is the
+   product of one kernel for each pair, in any order.
 3. The kernel of a pair is reversible: a step back belongs to the same pair and gains the opposite,
-   and pi(s) min(1, lambda ** gained) = pi(s') min(1, lambda ** -gained). So each kernel keeps pi,
-   and so do their product and the mean over patterns. As the kernels of a pattern commute, a round
-   is reversible, too.
+   and pi(s) min(1, lambda ** gained) = pi(t) min(1, lambda ** -gained) for a step from s to t. So
+   each kernel keeps pi, and so do their product and the mean over patterns. As the kernels of a
+   pattern commute, a round is reversible, too.
 
-From any shape the probabilities tend to pi. A pair stays as it is with probability 0.1 or more, so
-each step of the paper's chain is made alone with some probability, and its steps lead from
-each connected shape without holes to each other (paper). Hesitation P makes 0.9 smaller, no more.
+From every shape the probabilities tend to pi. A pair stays as it is with probability 0.1 or more,
+so each step of the paper's chain is made alone with some probability, and its steps lead from each
+connected shape without holes to each other (paper). A hesitation P makes 1 - P of the 0.9, no more.
 
 Under the free clock each turn draws one of six directions from the module's own stream. If turns
 are atomic and come in an order that does not depend on the shape, pi is kept for the same reasons.
@@ -42,61 +41,139 @@ more often in some shapes than in others, so pi is kept only approximately:
 
 from __future__ import annotations
 
-from itertools import chain
+from collections.abc import Callable, Iterable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.local.random_streams import RandomStream
+from cubepath.agents.local.random_streams import (
+    DRAW_STEPS,
+    RandomStream,
+    Streams,
+    draw_below,
+    draw_fraction,
+)
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
-from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell, Generator
+from cubepath.agents.rules.vector_chain import moves_by_orbit
+from cubepath.agents.rules.vector_rule import (
+    RuleFailure,
+    VectorChoice,
+    VectorKnowledge,
+    VectorRule,
+    VectorView,
+)
+from cubepath.protocol.compiled import compiled
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Generator, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import real_number
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
 _FORMS = ((1, 3), (3, 1), (2, 3))
-"""By axis the form whose value modulo 5 numbers the cells; along the axis it grows by one."""
 _PERIOD = 5
 PATTERNS = len(_FORMS) * _PERIOD
 _WILLING = 0.9
 _BIAS_MAX = 1e6
+_STEPS = 3
+"""Microseconds in plain Python, to find a module's pair and its move."""
+
+_Chance: TypeAlias = Callable[[Move], float]
 
 
-def partner(cell: Cell, pattern: int) -> Cell | None:
-    """Return the other cell of the pair of a pattern that a cell is in; None if it is in none.
+def way(pattern: int, q: int, r: int) -> int:
+    """Return the direction, 0 to 5, from cell (q, r) to the other cell of its pair; -1 for none.
 
-    Pattern 5 a + c pairs each cell whose number is c with the next one along axis a. Cells are
-    numbered modulo 5 by the form ``q + 3 r`` for axis 0, turned by 60 degrees for each further one.
-    Two cells with the same number are at least 2 steps apart, and two pairs of a pattern also.
+    Pattern 5 a + c pairs each cell whose number is c with the next one in direction a. Cells are
+    numbered modulo 5 by the form ``q + 3 r`` for a = 0, turned by 60 degrees for each further one;
+    one step in direction a the number grows by one. Two cells with the same number are more than 2
+    steps apart, and then their pairs are at least 2 apart, or 2 steps and the pairs run alongside.
     """
-    axis, offset = divmod(pattern, _PERIOD)
-    along, up = _FORMS[axis]
-    number = (along * cell[0] + up * cell[1] - offset) % _PERIOD
-    if number > 1:
+    axis = pattern // _PERIOD
+    number = (_FORMS[axis][0] * q + _FORMS[axis][1] * r - pattern) % _PERIOD
+    return axis + 3 * number if number < 2 else -1
+
+
+_way = compiled(way)
+
+
+def _around(site: Site) -> list[Site]:
+    q, r = HEXAGONS.check(site)
+    return [(q + along, r + up) for along, up in HEX_DIRECTIONS]
+
+
+def _turn(move: Move) -> int:
+    return _around(move.source).index(move.target)
+
+
+def _gained(move: Move) -> int:
+    """Return by how much the number of the mover's neighbours grows."""
+    on = next(end for end in move.action.ends if move.source in end) - {move.source}
+    return len(on.intersection(_around(move.target))) - len(on.intersection(_around(move.source)))
+
+
+def _step(view: View, turn: int, chance: _Chance, stream: RandomStream) -> int:
+    """Return the action of stepping in a direction, if that is legal and the draw allows it."""
+    for action in view.mask.nonzero()[0].tolist():
+        move = view.moves[action - 1] if action != STAY else None
+        if move is not None and _turn(move) == turn:
+            return action if stream.fraction() < chance(move) else STAY
+    return STAY
+
+
+class _Slots(NamedTuple):
+    """In which direction the move of a slot leads, and with which probability it is made."""
+
+    turns: NDArray[np.int64]
+    chances: NDArray[np.float64]
+
+
+@compiled
+def _step_all(
+    seen: VectorView, slots: _Slots, shared: Streams, streams: Streams, actions: NDArray[np.int32]
+) -> None:
+    """Do for all modules what `_step` does."""
+    for environment in range(actions.shape[0]):
+        if not seen.playing[environment]:
+            continue
+        pattern = int(draw_below(shared, environment, 0, PATTERNS))
+        for module in range(actions.shape[1]):
+            q, r = (
+                seen.observation[environment, module, 0],
+                seen.observation[environment, module, 1],
+            )
+            turn = _way(pattern, q, r)
+            for slot in range(len(slots.turns)):
+                legal = seen.action_mask[environment, module, slot + 1] != 0
+                if legal and slots.turns[slot] == turn:
+                    if draw_fraction(streams, environment, module) < slots.chances[slot]:
+                        actions[environment, module] = slot + 1
+                    break
+
+
+def _make_all(knowledge: VectorKnowledge, chance: _Chance) -> VectorRule | None:
+    tabled = moves_by_orbit(knowledge.system, knowledge.starts)
+    if tabled is None:
         return None
-    return _around(cell)[axis + 3 * number]
+    (moves,) = tabled.values()
+    slots = _Slots(np.array([*map(_turn, moves)]), np.array([*map(chance, moves)]))
+    shared, streams = knowledge.shared_streams(), knowledge.streams()
+    steps = knowledge.environments * knowledge.modules * (DRAW_STEPS + _STEPS)
 
+    def choose(seen: VectorView, chosen: VectorChoice) -> Iterable[RuleFailure]:
+        step = _step_all.for_work(steps, by_entries=True)
+        step(seen, slots, shared, streams, chosen.actions)
+        return ()
 
-def _around(cell: Cell) -> list[Cell]:
-    return [(cell[0] + along, cell[1] + up) for along, up in HEX_DIRECTIONS]
-
-
-def _step(view: View, target: Cell | None, bias: float, stream: RandomStream) -> int:
-    """Return the action of stepping to a cell, if that is legal and the draw allows it."""
-    legal = view.mask.nonzero()[0].tolist()[1:]
-    moves = ((action, view.moves[action - 1]) for action in legal)
-    found = next((action for action, move in moves if move and move.target == target), STAY)
-    if target is None or found == STAY:
-        return STAY
-    place = HEXAGONS.check(view.place)
-    gained = sum(cell in view.occupied for cell in _around(target))
-    gained -= sum(cell in view.occupied for cell in _around(place))
-    return found if stream.fraction() < _WILLING * min(1.0, bias**gained) else STAY
+    return choose
 
 
 def _is_step(generator: Generator) -> bool:
-    """Return whether one module steps to a cell beside it, and all cells round both are read."""
+    """Return whether one module steps to a cell beside it, and the state of all around is exact."""
     (here, there), *others = generator.motion
-    near = chain(_around(here), _around(there))
-    return not others and there in _around(here) and set(generator.support).issuperset(near)
+    near = {*_around(here), *_around(there)}
+    return not others and not generator.free and near == set(generator.support)
 
 
 def _fits(system: System) -> bool:
@@ -113,23 +190,21 @@ def compression_rule(bias: float = 4.0) -> RuleType:
     if not 0 < real_number("lambda", bias) <= _BIAS_MAX:
         raise InputError(f"lambda={bias}: expected more than 0, at most {_BIAS_MAX:g}")
 
+    def chance(move: Move) -> float:
+        return _WILLING * min(1.0, bias ** _gained(move))
+
     def in_rounds(knowledge: InitialKnowledge) -> Rule:
         shared, stream = knowledge.shared_stream(), knowledge.stream
 
         def choose(view: View) -> int:
-            pattern = shared.below(PATTERNS)
-            return _step(view, partner(HEXAGONS.check(view.place), pattern), bias, stream)
+            turn = way(shared.below(PATTERNS), *HEXAGONS.check(view.place))
+            return _step(view, turn, chance, stream)
 
         return choose
 
     def in_turns(knowledge: InitialKnowledge) -> Rule:
         stream = knowledge.stream
-
-        def choose(view: View) -> int:
-            near = _around(HEXAGONS.check(view.place))
-            return _step(view, near[stream.below(len(near))], bias, stream)
-
-        return choose
+        return lambda view: _step(view, stream.below(len(HEX_DIRECTIONS)), chance, stream)
 
     return RuleType(
         name="compression",
@@ -141,6 +216,7 @@ def compression_rule(bias: float = 4.0) -> RuleType:
             why="every commit is a step of the chain; its probabilities hold if turns are short",
             make=in_turns,
         ),
+        vectorised=lambda knowledge: _make_all(knowledge, chance),
     )
 
 

@@ -191,14 +191,6 @@ class System(ABC):
         """
         return (move for move in self.moves(site) if move is not None)
 
-    def possible_slots(self, site: Site, on: State) -> Iterable[int]:
-        """Return the slots, from 1, of the moves of a module at `site` when exactly `on` are on."""
-        return (
-            slot
-            for slot, move in enumerate(self.moves(site), 1)
-            if move is not None and move.possible(on)
-        )
-
     def discovery(self) -> Callable[[Site], Iterable[Move]] | None:
         """Return a function that finds moves for a search that visits few of very many sites.
 

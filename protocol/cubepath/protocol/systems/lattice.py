@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set as AbstractSet
 from functools import lru_cache, partial
 from itertools import product
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self
 
 import msgspec
 
-from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import (
     HEX_DIRECTIONS,
     HEXAGONS,
@@ -82,8 +82,7 @@ class LatticeSystem(System):
         self._sensed = self._near.keeper(self._near.sensed, pad=self.sense_slots)
         self._listeners = self._near.keeper(self._near.listeners)
         self._reach = self._near.keeper(self._near.reach)
-        # A place with hundreds of moves takes a megabyte.
-        kept = KEPT // max(1, self.move_slots // _FEW)
+        kept = KEPT // max(1, self.move_slots // _FEW)  # hundreds of moves take a megabyte
         self._kept_moves = lru_cache(maxsize=kept)(self._moves)
         self._placed = lru_cache(maxsize=kept * self.move_slots)(catalogue.place)
 
@@ -138,22 +137,6 @@ class LatticeSystem(System):
     def moves(self, site: Site) -> tuple[Move | None, ...]:
         """Return the moves of a module at `site`, one slot for each generator and direction."""
         return self._kept_moves(site)
-
-    def possible_slots(self, site: Site, on: State) -> Iterable[int]:
-        """Return the slots as `System` does; of many moves by what each support shows."""
-        tables = self._near.slots
-        if tables is None:
-            yield from super().possible_slots(site, on)
-            return
-        cell, moves = self.catalogue.lattice.check(site), self.moves(site)
-        back = tuple(-number for number in cell[: self.dimension])
-        shown = {
-            self.catalogue.lattice.shift(self.catalogue.lattice.check(each), back) for each in on
-        }
-        for support, slots in tables[self.catalogue.orbit(cell)].items():
-            for slot in slots.get(support & shown, ()):
-                if moves[slot - 1] is not None:
-                    yield slot
 
     def _fits(self, action: Action) -> bool:
         return action.trace.isdisjoint(self.obstacles) and (
@@ -324,13 +307,6 @@ class _Neighbourhoods:
         self.sensed: dict[Cell, tuple[Cell, ...]] = {
             orbit: _cells(sites - {orbit}) for orbit, sites in supports.items()
         }
-        many = len(max(proposals.values(), key=len)) > _FEW
-        exact = not any(each.free or each.guards for each in catalogue.generators)
-        self.slots = (
-            {orbit: _by_support(moves) for orbit, moves in proposals.items()}
-            if many and exact
-            else None
-        )
         self.listeners: dict[Cell, tuple[Cell, ...]] = {}
         self.reach: dict[Cell, tuple[Cell, ...]] = {}
         for orbit in proposals:
@@ -385,19 +361,6 @@ class _Neighbourhoods:
             return (*found, *[None] * (pad - len(found)))
 
         return at
-
-
-_Shown: TypeAlias = frozenset[Site]
-
-
-def _by_support(moves: Iterable[Move]) -> dict[_Shown, dict[_Shown, list[int]]]:
-    """Return by support, and by what is on there, the slots of the moves that this allows."""
-    found: dict[_Shown, dict[_Shown, list[int]]] = {}
-    for slot, move in enumerate(moves, 1):
-        sources = {source for source, _ in move.motion}
-        end = next(end for end in move.action.ends if end & move.action.trace == sources)
-        found.setdefault(move.action.support, {}).setdefault(end, []).append(slot)
-    return found
 
 
 class _Reached:
