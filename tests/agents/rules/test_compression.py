@@ -215,6 +215,7 @@ def test_on_the_wire_rounds_are_the_same() -> None:
     assert on_the_wire == list(sampled(1_000, seed=1))
 
 
+@pytest.mark.timeout(1800)
 @pytest.mark.nightly
 def test_on_the_wire_the_distribution_is_the_same() -> None:
     """A long run of two processes is as near as its length allows."""

@@ -40,7 +40,7 @@ def is_connected(cells: Shape) -> bool:
 def surrounds_something(cells: Shape) -> bool:
     """Tell whether a flood from outside leaves free cells dry."""
     low, high = min(map(min, cells)) - 1, max(map(max, cells)) + 1
-    box = {(q, r) for q in range(low, high + 1) for r in range(low, high + 1)}
+    box = frozenset((q, r) for q in range(low, high + 1) for r in range(low, high + 1))
     return component(box - cells, (low, low)) != box - cells
 
 

@@ -86,9 +86,9 @@ def way(pattern: int, q: int, r: int) -> int:
     """Return the direction, 0 to 5, from cell (q, r) to the other cell of its pair; -1 for none.
 
     Pattern 5 a + c pairs each cell whose number is c with the next one in direction a. Cells are
-    numbered modulo 5 by the form ``q + 3 r`` for a = 0, turned by 60 degrees for each further one;
-    one step in direction a the number grows by one. Two cells with the same number are more than 2
-    steps apart, and then their pairs are at least 2 apart, or 2 steps and the pairs run alongside.
+    numbered modulo 5 by the form ``q + 3 r`` for a = 0, turned by 60 degrees for each further one.
+    From direction a on, counter-clockwise, a step adds 1, 3, 2, 4, 2, 3. So of the cells beside one
+    with number c or c + 1 the partner alone has one of these: pairs are at least two steps apart.
     """
     axis = pattern // _PERIOD
     number = (_FORMS[axis][0] * q + _FORMS[axis][1] * r - pattern) % _PERIOD
