@@ -26,6 +26,7 @@ from cubepath.agents.local.random_streams import (
     draw_fraction,
     hashed,
     hashed_compiled,
+    shared_streams_of,
     stream,
     streams_of,
 )
@@ -202,6 +203,15 @@ def reached(found: object, most: int = 200_000) -> list[Any]:
                 queue += [each.bit_generator, each.bit_generator.seed_seq]
     assert len(known) < most
     return list(known.values())
+
+
+def test_the_modules_of_a_run_share_a_stream() -> None:
+    """It follows from the seed alone, has numbers of its own, and is the same in arrays."""
+    keys = {stream(SEED, module, RULE).shared for module in range(5)}
+    assert len(keys) == 1
+    assert not keys & {stream(SEED, module, RULE).key for module in range(100)}
+    assert keys != {stream(SEED + 1, 0, RULE).shared}
+    assert shared_streams_of([SEED]).tolist() == [list(keys)]
 
 
 @pytest.mark.parametrize("spec", LOCAL_FAMILIES)

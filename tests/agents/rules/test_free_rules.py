@@ -31,6 +31,7 @@ SCENES = {
     "metropolis": "sliding:p=3,q=2,n=4",
     "tswap": "agv:graph=grid4x4,n=6",
     "pibt": "agv-labelled:graph=grid4x4,n=5",
+    "compression": "compression:n=4",
 }
 TO_GOAL = [name for name, rule in BUILT_IN.items() if rule.to_goal]
 

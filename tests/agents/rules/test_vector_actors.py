@@ -16,6 +16,7 @@ from cubepath.agents.local.observation import SILENT, View, observe
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.chain_task import minus, plus
+from cubepath.agents.rules.compression import COMPRESSION
 from cubepath.agents.rules.registry import BUILT_IN, find_rule
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.uniform import RANDOM
@@ -96,6 +97,14 @@ def test_arms_turn_the_same(spec: str, hesitate: float, left: int) -> None:
         side = Side(scene_from_spec(spec), WORD, SEEDS, hesitate)
         side.play(200)
     assert all(side.scene.reached(world.sites) for world in side.worlds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("left", "hesitate"), WAYS)
+def test_compressing_modules_step_the_same(hesitate: float, left: int) -> None:
+    """They draw the same patterns, which others than their own streams give them."""
+    with plain_steps(left):
+        assert Side(scene_from_spec("compression:n=6"), COMPRESSION, SEEDS, hesitate).play(60) > 15
 
 
 @pytest.mark.slow
@@ -323,6 +332,7 @@ def test_who_has_no_vectorised_form() -> None:
         "metropolis",
         "chain",
         "word",
+        "compression",
     ]
     for rule in (BUILT_IN["tswap"], replace(RANDOM, vectorised=lambda _: None)):
         assert vector_actors_for(scene, rule, seeds=[0]) is None

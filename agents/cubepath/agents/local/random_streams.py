@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.errors import InputError
 
-RULE, HESITATE, PACE = 0, 1, 2
+RULE, HESITATE, PACE, SHARED = 0, 1, 2, 4
 """What a stream is for; of claims `arbitration` has another."""
 
 Streams: TypeAlias = NDArray[np.uint64]
@@ -73,14 +73,15 @@ class RandomStream:
     """The random choices of one module for one purpose.
 
     `drawn` counts the draws of `fraction` and `below`. The key is a hash, so neither it nor
-    `generator` tells the seed of the run.
+    `generator` tells the seed of the run; `shared` is the key of a stream that all modules have.
     """
 
-    __slots__ = ("_generator", "drawn", "key")
+    __slots__ = ("_generator", "drawn", "key", "shared")
 
-    def __init__(self, key: int) -> None:
+    def __init__(self, key: int, shared: int = 0) -> None:
         """Begin the stream with a key from 0 to 2^64 - 1."""
         self.key = key
+        self.shared = shared
         self.drawn = 0
         self._generator: np.random.Generator | None = None
 
@@ -110,7 +111,7 @@ class RandomStream:
 
 def stream(seed: int, module: int, purpose: int) -> RandomStream:
     """Return a module's stream for one purpose; InputError for a negative seed."""
-    return RandomStream(hashed(seed_key(seed, purpose), module))
+    return RandomStream(hashed(seed_key(seed, purpose), module), seed_key(seed, SHARED))
 
 
 def streams_of(seeds: Sequence[int], modules: int, purpose: int) -> Streams:
@@ -128,6 +129,11 @@ def draws(streams: Streams, playing: NDArray[np.bool_]) -> NDArray[np.uint64]:
     found: NDArray[np.uint64] = hashed(streams, np.uint64(0))
     streams += np.where(playing, np.uint64(_STEP), np.uint64(0))
     return found
+
+
+def shared_streams_of(seeds: Sequence[int]) -> Streams:
+    """Return the streams that the modules of each environment share, of shape (E, 1)."""
+    return np.array([[seed_key(seed, SHARED)] for seed in seeds], np.uint64)
 
 
 @compiled

@@ -56,6 +56,7 @@ SCENES: Mapping[str, tuple[str, ...]] = {
     "triangulation": ("triangulation:n=6", "triangulation:n=16"),
     "words": ("words", "words:word=abcabcabcabc,relations=ab~ba+bc~cb+ac~ca"),
     "assembly": ("assembly:n=2", "assembly:n=4"),
+    "compression": ("compression:n=4", "compression:n=8"),
 }
 """By family; of another one it is the default scene."""
 

@@ -259,6 +259,7 @@ def _life(knowledge: InitialKnowledge) -> ModuleLife:
         start=knowledge.start,
         goals=knowledge.goals,
         key=knowledge.stream.key,
+        shared=knowledge.stream.shared,
     )
 
 
@@ -272,7 +273,7 @@ def _replayed(
         modules=recorded.modules,
         start=recorded.start,
         goals=recorded.goals,
-        stream=RandomStream(recorded.key),
+        stream=RandomStream(recorded.key, recorded.shared),
     )
     life = replace(recorded, choices=[])
     others = _Others(play.scene, play.surroundings, life, rule, traps, clock=clock)

@@ -68,8 +68,8 @@ class ModuleLife:
     """All that a module knew and saw in a run, and what it chose; a list has an entry a round.
 
     Under the free clock it has one for each turn of the module. `before` says for each how many
-    rounds, or turns of any module, came before it. `key` is that of its stream. A rule that could
-    not be made has one choice, the error, and saw nothing.
+    rounds, or turns of any module, came before it. `key` and `shared` are those of its stream. A
+    rule that could not be made has one choice, the error, and saw nothing.
     """
 
     module: int
@@ -77,6 +77,7 @@ class ModuleLife:
     start: Site
     goals: tuple[Site, ...]
     key: int
+    shared: int
     observations: list[Observation] = field(default_factory=list)
     choices: list[RuleChoice] = field(default_factory=list)
     before: list[int] = field(default_factory=list)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.compression import COMPRESSION
 from cubepath.agents.rules.descent import CROSSING, GEODESIC
 from cubepath.agents.rules.metropolis import METROPOLIS
 from cubepath.agents.rules.pibt import PIBT
@@ -144,10 +145,8 @@ def forget_rule_files() -> None:
 GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
-BUILT_IN = {
-    rule.name: rule
-    for rule in (RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL)
-}
+_OWN = (*(RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL), COMPRESSION)
+BUILT_IN = {rule.name: rule for rule in _OWN}
 
 
 @cache

@@ -49,6 +49,13 @@ class InitialKnowledge:
         """Return the module's own numpy generator; what it draws does not depend on `stream`."""
         return self.stream.generator
 
+    def shared_stream(self) -> RandomStream:
+        """Return a new stream from which all modules of the run draw the same numbers.
+
+        Modules that draw in every round agree without a message. It follows from the seed alone.
+        """
+        return RandomStream(self.stream.shared)
+
     @property
     def label(self) -> int | None:
         """Return the module's label in a labelled system."""

@@ -20,6 +20,7 @@ from cubepath.agents.local.random_streams import (
     RULE,
     Streams,
     draw_fraction,
+    shared_streams_of,
     streams_of,
 )
 from cubepath.agents.rules.actor import RuleBlame
@@ -56,6 +57,7 @@ def vector_actors_for(
         starts=scene.start,
         goals=scene.goals or ((),) * modules,
         streams=partial(streams_of, seeds, modules, RULE),
+        shared_streams=partial(shared_streams_of, seeds),
     )
     who = f"rule {rule.name!r}, vectorised"
     try:

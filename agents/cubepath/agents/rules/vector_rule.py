@@ -22,8 +22,9 @@ from cubepath.protocol.core.system import System
 class VectorKnowledge:
     """What the modules know from the start, by module: `InitialKnowledge` of all of them.
 
-    `streams` makes the modules' own streams, as they are before anything is drawn. What a rule does
-    for one module must follow from that module's part.
+    `streams` makes the modules' own streams, as they are before anything is drawn, and
+    `shared_streams` those that the modules of each environment share, of shape (E, 1). What a rule
+    does for one module must follow from that module's part.
     """
 
     system: System
@@ -31,6 +32,7 @@ class VectorKnowledge:
     starts: tuple[Site, ...]
     goals: tuple[tuple[Site, ...], ...]
     streams: Callable[[], Streams]
+    shared_streams: Callable[[], Streams]
 
     @property
     def modules(self) -> int:

@@ -210,12 +210,13 @@ def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     found = find_rule(rule)
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
+    endless = scene.goal is None or (found is not None and not found.to_goal)
     return Scenario(
         system=spec,
         rule=rule,
         processes=random.randint(1, min(modules, _PROCESSES_MAX)),
         hesitate=random.choice(_HESITATE),
-        max_rounds=to_goal if found is None or found.to_goal else random.randint(*_WITHOUT_GOAL),
+        max_rounds=random.randint(*_WITHOUT_GOAL) if endless else to_goal,
         seed=random.randrange(1 << 16),
     )
 
@@ -314,7 +315,8 @@ class FreeScenario:
         if self.ends_at_goal is not None:
             return self.ends_at_goal
         own = find_rule(self.rule)
-        return own is not None and is_built_in(own) and own.to_goal
+        sure = own is not None and is_built_in(own) and own.to_goal
+        return sure and self.scene.goal is not None
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""

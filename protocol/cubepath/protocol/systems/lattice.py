@@ -26,6 +26,7 @@ from cubepath.protocol.core.system import FAR, KEPT, System, Ways, one_to_one, r
 
 _FARTHEST = FAR // 2
 """Numbers of a cell where modules may start, so that none comes to `FAR` in any run."""
+_FEW = 16
 
 
 class LatticeSystem(System):
@@ -81,8 +82,9 @@ class LatticeSystem(System):
         self._sensed = self._near.keeper(self._near.sensed, pad=self.sense_slots)
         self._listeners = self._near.keeper(self._near.listeners)
         self._reach = self._near.keeper(self._near.reach)
-        self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
-        self._placed = lru_cache(maxsize=KEPT * self.move_slots)(catalogue.place)
+        kept = KEPT // max(1, self.move_slots // _FEW)  # hundreds of moves take a megabyte
+        self._kept_moves = lru_cache(maxsize=kept)(self._moves)
+        self._placed = lru_cache(maxsize=kept * self.move_slots)(catalogue.place)
 
     def __reduce__(self) -> tuple[object, ...]:
         # The caches cannot be pickled, and need not be.

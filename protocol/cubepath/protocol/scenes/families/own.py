@@ -23,6 +23,7 @@ _FAMILIES = {
     "triangulations": ("polygon", "triangulation"),
     "words": ("words",),
     "assembly": ("assembly",),
+    "compression": ("compression",),
 }
 """The names of families by module, in the order in which they are listed."""
 _KINDS = {
