@@ -56,7 +56,7 @@ def test_a_move_away_has_the_probability_of_its_temperature(values: str, share: 
         ("metropolis:temperature=0", "temperature=0: expected more than 0"),
         ("metropolis:cooling=2", "cooling=2: expected more than 0 and at most 1"),
         ("metropolis:heat=1", "rule 'metropolis': cannot read 'heat=1', expected KEY=VALUE"),
-        ("random:heat=1", "rule 'random': cannot read 'heat=1', expected no keys"),
+        ("random:heat=1", "rule 'random': cannot read 'heat=1', expected KEY=VALUE"),
     ],
 )
 def test_a_wrong_value_is_refused(name: str, why: str) -> None:
