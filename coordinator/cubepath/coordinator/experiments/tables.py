@@ -163,6 +163,10 @@ def rounds_or_limit(row: Row) -> int | None:
     return rounds
 
 
+_MEASURED = ("runs", "goal", "rounds", "time", "moves", "costs", "cubes")
+_KNOWN = ("bound", "best", "price", "conflicts", "messages", "stuck", "failed")
+
+
 def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) -> ReportTable:
     """Return the results of the runs of each setting, with what others published on it."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
@@ -212,23 +216,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
         " system, including those of all runs here; price is rounds over best. Time is in"
         " turns of a module that is not slow, under the simulator in virtual seconds; it is shown"
         " if it differs from the rounds.",
-        (
-            *keys,
-            "runs",
-            "goal",
-            "rounds",
-            "time",
-            "moves",
-            "costs",
-            "cubes",
-            "bound",
-            "best",
-            "price",
-            "conflicts",
-            "messages",
-            "stuck",
-            "failed",
-        ),
+        (*keys, *_MEASURED, *_KNOWN),
         tuple(found),
     )
 
@@ -246,6 +234,10 @@ def _over_scenes(rows: Iterable[Row], column: str) -> int | Interval | None:
             known[scene_of(row)] = max(known.get(scene_of(row), 0), row[column])
     values = list(known.values())
     return mean_interval(values) if len(values) > 1 else next(iter(values), None)
+
+
+_PAIRED = ("first", "second", "pairs", "both", "difference", "first faster", "second faster")
+_TESTED = ("p", "test", "first alone", "second alone", "p of goals")
 
 
 def pairs_table(rows: Sequence[Row]) -> ReportTable:
@@ -276,21 +268,7 @@ def pairs_table(rows: Sequence[Row]) -> ReportTable:
         " goals is that of the sign test. No p is corrected for how many there are. A run that is"
         " there in several versions, which differ, is left out. Rounds of runs without"
         f" rounds are {_LEVELS}.",
-        (
-            *keys,
-            "first",
-            "second",
-            "pairs",
-            "both",
-            "difference",
-            "first faster",
-            "second faster",
-            "p",
-            "test",
-            "first alone",
-            "second alone",
-            "p of goals",
-        ),
+        (*keys, *_PAIRED, *_TESTED),
         tuple(found),
     )
 

@@ -92,20 +92,15 @@ def task_from_yaml(path: Path, entry: str) -> VehicleTask:
 
 
 def _entry(path: Path, entries: Mapping[str, str], entry: str, what: str) -> str:
-    """Return the name that an entry stands for."""
-    names = list(entries)
-    if not names:
-        raise InputError(f"{path}: no {what} found, expected POGEMA's YAML of {what}s")
-    if entry in entries or (not entry and len(names) == 1):
-        return entry or names[0]
-    ending = re.compile(rf"(?:.*\D)?0*{re.escape(entry)}", re.ASCII)
-    found = [name for name in names if entry.isdecimal() and ending.fullmatch(name)]
-    if len(found) == 1:
-        return found[0]
-    raise InputError(
-        f"{path}: entry={entry}: {len(found) if found else 'none'} of its {len(names)} {what}s,"
-        f" expected one as {names[0]}"
-    )
+    """Return the name that an entry stands for: itself, or the one that ends in it."""
+    ending = re.compile(rf"(?:.*\D)?0*{entry}" if entry.isdecimal() else "")
+    found = [name for name in entries if name == entry or ending.fullmatch(name)]
+    if len(found) != 1:
+        raise InputError(
+            f"{path}: entry={entry}: {len(found)} of its {len(entries)} {what}s, expected one as"
+            f" {next(iter(entries), 'in the YAML files of POGEMA')}"
+        )
+    return found[0]
 
 
 def _cells(where: str, body: str, key: str) -> tuple[Cell, ...]:
