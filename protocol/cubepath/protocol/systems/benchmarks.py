@@ -1,9 +1,9 @@
 """Published benchmarks of vehicles: movingai scenarios, and the maps and scenarios of POGEMA.
 
 Sources: movingai.com/benchmarks/formats.html (Sturtevant, Benchmarks for Grid-Based Pathfinding);
-`algorithms/experiments` of the repository Cognitive-AI-Systems/pogema-benchmark, whose files are
-YAML of one shape. Only that shape is read: a map is a block of rows under its name, a scenario is a
-mapping with `agents_xy`, `targets_xy` and `map_name`. There a cell is (row, column).
+`algorithms/experiments` of github.com/Cognitive-AI-Systems/pogema-benchmark, YAML of one shape, the
+only one that is read: a map is a block of rows under its name, a scenario begins with `agents_xy`,
+and has `targets_xy` and `map_name`. There a cell is (row, column).
 """
 
 from __future__ import annotations

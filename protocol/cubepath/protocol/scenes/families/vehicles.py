@@ -53,7 +53,9 @@ def _agv(name: str, values: Values) -> Scene:
     else:
         graph = _graph(values)
         vertices = in_order(graph.vertices)
-        count = _count(values, f"the graph has {len(vertices)} vertices", len(vertices))
+        count = whole({"n": values["n"] or "2"}, "n", least=1)
+        if count > len(vertices):
+            raise InputError(f"n={count}: the graph has {len(vertices)} vertices")
         starts = vertices[:count]
         # The last vertices in reverse, so labelled vehicles must pass one another.
         goals = tuple(reversed(vertices))[:count]
@@ -80,19 +82,13 @@ def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
         graph = _graph(values) if on else task.graph
     starts, goals = task.starts, task.goals
     if values["n"]:
-        count = _count(values, f"the scene has {len(starts)} vehicles", len(starts))
+        count = whole(values, "n", least=1)
+        if count > len(starts):
+            raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
         starts, goals = starts[:count], goals[:count]
     if isinstance(task, VehicleTask):
         check_vehicles(str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)])
     return graph, starts, goals
-
-
-def _count(values: Values, what: str, most: int) -> int:
-    """Return the number of vehicles, by default 2; InputError if there is no room for them."""
-    count = whole({"n": values["n"] or "2"}, "n", least=1)
-    if count > most:
-        raise InputError(f"n={count}: {what}")
-    return count
 
 
 def _graph(values: Values) -> Graph:
@@ -126,7 +122,9 @@ def _random(name: str, values: Values) -> Scene:
     if values["open"]:
         graph = open_part(graph, values["open"], Stream("open", seed))
     vertices = in_order(graph.vertices)
-    count = _count(values, f"the graph has {len(vertices)} vertices", len(vertices))
+    count = whole({"n": values["n"] or "2"}, "n", least=1)
+    if count > len(vertices):
+        raise InputError(f"n={count}: the graph has {len(vertices)} vertices")
     starts = tuple(islice(Stream("starts", seed).drawn(vertices), count))
     system = _system(graph, count, labelled=name == "agv-labelled")
     moves = walk_length(values, count)
