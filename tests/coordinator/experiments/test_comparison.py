@@ -112,7 +112,7 @@ def test_a_report_pools_shows_columns_and_draws_what_it_is_asked_to(
 ) -> None:
     """One table of these columns, one plot of these axes, as PDF of this size, without a title."""
     words = ["--pool", "seed", "--columns", "system,rule,goal,costs", "--pdf", "--json"]
-    more = ["--axes", "modules,costs", "--size", "3,2"]
+    more = ["--axes", "modules", "costs", "--size", "3", "2"]
     assert main(["report", str(folder), "-o", str(tmp_path), *words, *more]) == 0
     document = json.loads(capsys.readouterr().out)
     assert list(document["tables"]) == ["Runs"]
@@ -144,7 +144,7 @@ def test_all_columns_may_be_axes(folder: Path, tmp_path: Path, axes: tuple[str, 
         ({"pool": ("seeds",)}, "pool=seeds: no system here has this key"),
         ({"columns": ("rounds", "p")}, "columns: no table has rounds, p, expected those of one:"),
         ({"axes": ("modules", "round")}, "axes: found 'modules,round', expected two of modules, "),
-        ({"size": (0.1, 3.0)}, "size: found (0.1, 3.0), expected two of 1 to 100 inches"),
+        ({"size": (0.1, 3.0)}, "size: found [0.1, 3.0], expected two of 1 to 100 inches"),
     ],
 )
 def test_a_report_that_cannot_be_is_refused(

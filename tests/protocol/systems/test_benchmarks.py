@@ -57,10 +57,13 @@ def test_files_of_benchmarks_stay_in_their_folder() -> None:
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ("graph={MAPS}", "rooms.yaml: entry=: none of its 2 maps, expected one as room-000"),
-        ("graph={MAPS},entry=7", "entry=7: none of its 2 maps, expected one as room-000"),
-        ("graph={SCENARIOS},entry=4", "no map found, expected POGEMA's YAML of maps"),
-        ("graph={MAPS},scene={MAPS},entry=4", "no scenario found, expected POGEMA's YAML of"),
+        ("graph={MAPS}", "rooms.yaml: entry=: 0 of its 2 maps, expected one as room-000"),
+        ("graph={MAPS},entry=7", "entry=7: 0 of its 2 maps, expected one as room-000"),
+        ("graph={SCENARIOS},entry=4", "entry=4: 0 of its 0 maps, expected one as in the YAML"),
+        (
+            "graph={MAPS},scene={MAPS},entry=4",
+            "entry=4: 0 of its 0 scenarios, expected one as in the",
+        ),
         ("scene={SCENARIOS},entry=4", "on room-000, expected graph=FILE.yaml with that map"),
         ("scene={SCEN},n=2", "room.scen: on room.map, expected graph=FILE of that name"),
         ("graph={MAPS},scene={SCENARIOS},entry=4,n=4", "n=4: the scene has 3 vehicles"),
@@ -87,7 +90,7 @@ def test_what_does_not_fit_together_is_one_line(keys: str, said: str) -> None:
         (SCENARIOS, "[0, 0], ", "&a ", "agents_xy: expected [[row, column], ...]"),
         (SCENARIOS, "targets_xy", "targets", "targets_xy: expected [[row, column], ...]"),
         (SCENARIOS, "map_name: room-000", "map: room-000", "no map_name, expected the name of"),
-        (SCENARIOS, "map_name: room-000", "map_name: room-2", "entry=room-2: none of its 2 maps"),
+        (SCENARIOS, "map_name: room-000", "map_name: room-2", "entry=room-2: 0 of its 2 maps"),
         (SCENARIOS, "Scenario-012", "Task-4", "entry=4: 2 of its 2 scenarios, expected one as"),
     ],
 )

@@ -73,7 +73,7 @@ class Batch:
         self._place, self._code = np.zeros((2, *shape), np.int32)
         self._bits = np.zeros((*shape, self._tables.words), np.uint64)
         self._at_goal, self.round = np.zeros((2, environments), np.int64)
-        self._said = np.zeros((*shape, note_length), np.int32)
+        self.said = np.zeros((*shape, note_length), np.int32)
         self._shown = np.zeros((environments, 0), np.int32)
         self._module = np.zeros((environments, 0), np.int32)
         self._key = np.zeros(environments, np.uint64)
@@ -181,7 +181,7 @@ class Batch:
             self._at_goal,
             self.round,
             self._key,
-            self._said,
+            self.said,
         )
 
     def reset(self, seeds: Sequence[int], chosen: Sequence[int] | None = None) -> None:
@@ -191,7 +191,7 @@ class Batch:
         self._key[at] = np.array([seed_key(seed, RANK) for seed in seeds], np.uint64)
         self._set(at, *self._start)
         self.round[at] = 0
-        self._said[at] = 0
+        self.said[at] = 0
 
     def observe(self) -> ObservationArrays:
         """Write what all modules observe; return it. It has to follow a `reset`."""
@@ -228,7 +228,7 @@ class Batch:
         tables = self._tables
         if told is not None and self.note_length:
             speaks, notes = told
-            self._said[speaks] = notes[speaks]
+            self.said[speaks] = notes[speaks]
         live = self._everyone if live is None else live
         fresh = self._play(actions, live, only_observe=False)
         if fresh:
@@ -292,7 +292,7 @@ class Batch:
         self._set(np.array([environment]), places, codes)
         self.round[environment] = round_number
         if self.note_length:
-            self._said[environment] = said
+            self.said[environment] = said
         self.observe()
 
     def _set(self, environments: NDArray[np.intp], places: Ints, codes: Ints) -> None:

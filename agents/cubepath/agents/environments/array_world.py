@@ -166,8 +166,16 @@ class ArrayWorld:
     def after(cls, world: World, *, relative: bool) -> ArrayWorld:
         """Return a world in the state of a plain one, from which it continues."""
         found = cls(world.scene, seed=world.seed, note_length=world.note_length, relative=relative)
-        found.batch.put(0, world.sites, world.round, world.spoken())
+        found.put(world.sites, world.round, world.spoken())
         return found
+
+    def put(self, sites: Sequence[Site], round_number: int, said: Sequence[Note]) -> None:
+        """Put every module at its site after a round, with its last note."""
+        self.batch.put(0, sites, round_number, said)
+
+    def spoken(self) -> list[Note]:
+        """Return the last note of each module, by number; zeros where a rule has sent none."""
+        return [tuple(numbers) for numbers in self.batch.said[0].tolist()]
 
     def reset(self, seed: int) -> None:
         """Put every module back at its start, with another seed."""

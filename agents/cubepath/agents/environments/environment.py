@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from copy import copy as copied
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -26,10 +27,22 @@ from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from cubepath.agents.environments.wire_world import WireWorld
+
+
+class EpisodeState(NamedTuple):
+    """Where an episode is, with the last note of each module: all that follows depends on it."""
+
+    seed: int
+    round: int
+    sites: tuple[Site, ...]
+    notes: tuple[Note, ...]
+    agents: tuple[str, ...]
+
 
 WORLDS = ("auto", "plain", "compiled")
 
@@ -155,6 +168,34 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
             raise InputError("the environment has not been reset yet: call reset first")
         return self._world
 
+    def get_state(self) -> EpisodeState:
+        """Return where the episode is; InputError before the first reset, and over zenoh."""
+        world = self._own_world()
+        sites, notes = tuple(world.sites), tuple(world.spoken())
+        return EpisodeState(world.seed, world.round, sites, notes, tuple(self.agents))
+
+    def set_state(self, state: EpisodeState) -> None:
+        """Continue from where an episode of the same scene was; InputError over zenoh.
+
+        Each following step returns what it returned there after the same actions.
+        """
+        self.reset(state.seed)
+        self._own_world().put(state.sites, state.round, state.notes)
+        self.agents = list(state.agents)
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Return another environment that is where this one is; the scene is shared."""
+        found = copied(self)  # by EzPickle, from the arguments
+        found.max_cycles, found.render_mode = self.max_cycles, self.render_mode
+        if self._world is not None:
+            found.set_state(self.get_state())
+        return found
+
+    def _own_world(self) -> World | ArrayWorld:
+        if not isinstance(self.world, World | ArrayWorld):
+            raise InputError("state: modules over zenoh keep it, expected a world of one process")
+        return self.world
+
     def _observe(self) -> dict[str, Observation]:
         world = self.world
         if isinstance(world, ArrayWorld):
@@ -171,13 +212,13 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         world = self.world
         if not self.agents:
             return {}, {}, {}, {}, {}
-        if isinstance(world, ArrayWorld):
-            return self._step_arrays(world, actions, notes or {})
-        wanted = {self._number(name): int(action or STAY) for name, action in actions.items()}
         told = {
             self._number(name): checked_note(note, self.note_length)
             for name, note in (notes or {}).items()
         }
+        if isinstance(world, ArrayWorld):
+            return self._step_arrays(world, actions, told)
+        wanted = {self._number(name): int(action or STAY) for name, action in actions.items()}
         before = self._at_goal()
         played = self._played = world.step(wanted, told)
         illegal = {
@@ -208,12 +249,9 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
             self._compile_when_it_pays()
 
     def _step_arrays(
-        self, world: ArrayWorld, actions: Mapping[str, int | None], notes: Mapping[str, Note]
+        self, world: ArrayWorld, actions: Mapping[str, int | None], told: Mapping[int, Note]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         agents = self.agents
-        told = {
-            self._number(name): checked_note(note, self.note_length) for name, note in notes.items()
-        }
         before = world.at_goal
         played = self._played = world.step(self._as_array(actions), told)
         reward = world.at_goal / len(agents) - before / len(agents)

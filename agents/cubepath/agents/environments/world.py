@@ -7,12 +7,12 @@ claims outrank it, whether it is granted, and where the module then stands.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 from cubepath.agents.local.arbitration import contest, site_after, verdict
-from cubepath.agents.local.module import LastNote, nothing_said
+from cubepath.agents.local.module import LastNote
 from cubepath.agents.local.observation import (
     STAY,
     Mask,
@@ -48,16 +48,19 @@ class World:
 
     def reset(self, seed: int) -> None:
         """Put every module back at its start, with another seed."""
-        scene = self.scene
         self.seed = seed
-        self.round = 0
-        self.sites: list[Site] = list(scene.start)
-        self._occupants: dict[Site, Site] = {scene.system.place_of(s): s for s in scene.start}
-        self._module_at = {site: number for number, site in enumerate(scene.start)}
+        self.put(self.scene.start, 0, [(0,) * self.note_length] * len(self.scene.start))
+
+    def put(self, sites: Sequence[Site], round_number: int, said: Sequence[Note]) -> None:
+        """Put every module at its site after a round, with its last note."""
+        self.round = round_number
+        self.sites: list[Site] = list(sites)
+        self._occupants: dict[Site, Site] = {self.scene.system.place_of(s): s for s in sites}
+        self._module_at = {site: number for number, site in enumerate(sites)}
         self._masks: dict[int, Mask] = {}
-        said = nothing_said(self.note_length, first_choice=1)
-        self._said: list[LastNote] = [said] * len(self.sites)
+        self._said = [LastNote(tuple(numbers), first_choice=1) for numbers in said]
         self._notes: dict[Site, Note] = {}
+        self._speak({})
 
     def close(self) -> None:
         """Do nothing: there is no connection to close."""

@@ -274,13 +274,15 @@ def add_report(report: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
     )
 
-    for name, read, of, what in (
-        ("pool", _names, "KEY,...", "count scenes that differ only in these keys, as seed, as one"),
-        ("columns", _names, "NAME,...", "show the tables that have these columns, without others"),
-        ("axes", _names, "X,Y", "draw one plot, of these columns, as modules,costs"),
-        ("size", inches, "W,H", "width and height of each plot in inches"),
+    for name, what in (
+        ("pool", "count scenes that differ only in these keys, as seed, as one"),
+        ("columns", "show the tables that have these columns, without others"),
     ):
-        report.add_argument(f"--{name}", type=read, metavar=of, help=what)
+        report.add_argument(f"--{name}", type=_names, metavar="NAME,...", help=what)
+    what = "draw one plot, of these columns, as modules and costs"
+    report.add_argument("--axes", nargs=2, metavar=("X", "Y"), help=what)
+    what = "width and height of each plot in inches"
+    report.add_argument("--size", nargs=2, type=float, metavar=("W", "H"), help=what)
     report.add_argument("--pdf", action="store_true", help="write plots as PDF too, without titles")
 
 
@@ -302,11 +304,6 @@ def _report(options: argparse.Namespace) -> int:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(text.split(","))
-
-
-def inches(text: str) -> tuple[float, ...]:
-    """Return the numbers of a text with commas between; an error names what it expected."""
-    return tuple(map(float, text.split(",")))
 
 
 def _table_lines(table: ReportTable) -> list[str]:

@@ -13,9 +13,8 @@ from cubepath.protocol.core.errors import InputError
 class PublishedResults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Results of one source; each is the mean of this many `runs`.
 
-    A result has the system as a report names it, the program's name, the share of runs that reached
-    the goal, and their mean rounds, in which a run without the goal counts as the limit. `source`
-    says where they stand, and what else a reader must know to compare.
+    A result is the system as a report names it, the program, the share of runs that reached the
+    goal, and mean rounds, where other runs count as their limit. `source` tells a reader the rest.
     """
 
     source: str

@@ -175,7 +175,7 @@ def write_report(
         known = ", ".join(MEASURES)
         raise InputError(f"axes: found {','.join(axes)!r}, expected two of {known}")
     if len(size) not in {0, 2} or not all(1 <= each <= 100 for each in size):
-        raise InputError(f"size: found {size}, expected two of 1 to 100 inches")
+        raise InputError(f"size: found {[*size]}, expected two of 1 to 100 inches")
     results = read_sweep(folder)
     if not results.rows:
         raise InputError(f"{folder}: has no finished runs, expected some to report on")

@@ -92,9 +92,7 @@ def short_names(rows: Iterable[Row], pool: Sequence[str] = ()) -> list[Row]:
     several = [row | {"scene": scene_of(row)} for row in rows]
     for key in pool:
         if not any(re.search(rf"[:,]{re.escape(key)}=", row["scene"]) for row in several):
-            raise InputError(
-                f"pool={key}: no system here has this key, expected one that some have"
-            )
+            raise InputError(f"pool={key}: no system here has this key, expected one of theirs")
     for column, name in (("system", partial(without_keys, keys=pool)), ("rule", str)):
         long = {row[column]: name(row[column]) for row in several}
         short = {each: re.sub(r"(^|=)[^,=]*/", r"\1", each) for each in {*long.values()}}
@@ -163,12 +161,16 @@ def rounds_or_limit(row: Row) -> int | None:
     return rounds
 
 
+_MEASURED = ("runs", "goal", "rounds", "time", "moves", "costs", "cubes")
+_KNOWN = ("bound", "best", "price", "conflicts", "messages", "stuck", "failed")
+
+
 def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) -> ReportTable:
     """Return the results of the runs of each setting, with what others published on it."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
     best = best_by_scene(rows)
-    rows = [row | {"best": best.get(scene_of(row))} for row in rows]
+    rows = [row | {"scene": scene_of(row), "best": best.get(scene_of(row))} for row in rows]
     paid = groups(priced(rows), keys)
     # With rounds it may say the same again.
     timed = any(row["time"] not in {None, row["rounds"]} for row in rows)
@@ -212,23 +214,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
         " system, including those of all runs here; price is rounds over best. Time is in"
         " turns of a module that is not slow, under the simulator in virtual seconds; it is shown"
         " if it differs from the rounds.",
-        (
-            *keys,
-            "runs",
-            "goal",
-            "rounds",
-            "time",
-            "moves",
-            "costs",
-            "cubes",
-            "bound",
-            "best",
-            "price",
-            "conflicts",
-            "messages",
-            "stuck",
-            "failed",
-        ),
+        (*keys, *_MEASURED, *_KNOWN),
         tuple(found),
     )
 
@@ -240,12 +226,13 @@ def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interv
 
 def _over_scenes(rows: Iterable[Row], column: str) -> int | Interval | None:
     """Return the greatest that is known of a scene, or of several pooled ones the mean."""
-    known: dict[str, int] = {}
-    for row in rows:
-        if row[column] is not None:
-            known[scene_of(row)] = max(known.get(scene_of(row), 0), row[column])
-    values = list(known.values())
+    known = groups((row for row in rows if row[column] is not None), ["scene"])
+    values = [max(row[column] for row in several) for several in known.values()]
     return mean_interval(values) if len(values) > 1 else next(iter(values), None)
+
+
+_PAIRED = ("first", "second", "pairs", "both", "difference", "first faster", "second faster")
+_TESTED = ("p", "test", "first alone", "second alone", "p of goals")
 
 
 def pairs_table(rows: Sequence[Row]) -> ReportTable:
@@ -276,21 +263,7 @@ def pairs_table(rows: Sequence[Row]) -> ReportTable:
         " goals is that of the sign test. No p is corrected for how many there are. A run that is"
         " there in several versions, which differ, is left out. Rounds of runs without"
         f" rounds are {_LEVELS}.",
-        (
-            *keys,
-            "first",
-            "second",
-            "pairs",
-            "both",
-            "difference",
-            "first faster",
-            "second faster",
-            "p",
-            "test",
-            "first alone",
-            "second alone",
-            "p of goals",
-        ),
+        (*keys, *_PAIRED, *_TESTED),
         tuple(found),
     )
 
@@ -394,20 +367,18 @@ def priced(rows: Iterable[Row]) -> list[Row]:
     >>> [(each["timing"], each["class"], each["best"]) for each in priced([row])]
     [(1.5, 1.0, 9)]
     """
-    several = list(rows)
+    several = [row | {"scene": scene_of(row)} for row in rows]
     reached = [row for row in several if row["goal"] and row["cubes"]]
     best = best_by_scene(several)
     fewest = {
         key: min(row["cubes"] for row in mine)
-        for key, mine in groups(
-            [row | {"scene": scene_of(row)} for row in reached], ["scene", "rule"]
-        ).items()
+        for key, mine in groups(reached, ["scene", "rule"]).items()
     }
     found = []
     for row in reached:
         if row["clock"] == "free":
             continue
-        least, known = fewest[scene_of(row), row["rule"]], best[scene_of(row)]
+        least, known = fewest[row["scene"], row["rule"]], best[row["scene"]]
         factors = (row["rounds"] / row["cubes"], row["cubes"] / least, least / known)
         paid = {"best": known, "price": row["rounds"] / known}
         found.append(row | dict(zip(FACTORS, factors, strict=True)) | paid)

@@ -1,9 +1,9 @@
 """Published benchmarks of vehicles: movingai scenarios, and the maps and scenarios of POGEMA.
 
 Sources: movingai.com/benchmarks/formats.html (Sturtevant, Benchmarks for Grid-Based Pathfinding);
-`algorithms/experiments` of the repository Cognitive-AI-Systems/pogema-benchmark, whose files are
-YAML of one shape. Only that shape is read: a map is a block of rows under its name, a scenario is a
-mapping with `agents_xy`, `targets_xy` and `map_name`. There a cell is (row, column).
+`algorithms/experiments` of github.com/Cognitive-AI-Systems/pogema-benchmark, YAML of one shape, the
+only one that is read: a map is a block of rows under its name, a scenario begins with `agents_xy`,
+and has `targets_xy` and `map_name`. There a cell is (row, column).
 """
 
 from __future__ import annotations
@@ -92,20 +92,15 @@ def task_from_yaml(path: Path, entry: str) -> VehicleTask:
 
 
 def _entry(path: Path, entries: Mapping[str, str], entry: str, what: str) -> str:
-    """Return the name that an entry stands for."""
-    names = list(entries)
-    if not names:
-        raise InputError(f"{path}: no {what} found, expected POGEMA's YAML of {what}s")
-    if entry in entries or (not entry and len(names) == 1):
-        return entry or names[0]
-    ending = re.compile(rf"(?:.*\D)?0*{re.escape(entry)}", re.ASCII)
-    found = [name for name in names if entry.isdecimal() and ending.fullmatch(name)]
-    if len(found) == 1:
-        return found[0]
-    raise InputError(
-        f"{path}: entry={entry}: {len(found) if found else 'none'} of its {len(names)} {what}s,"
-        f" expected one as {names[0]}"
-    )
+    """Return the name that an entry stands for: itself, or the one that ends in it."""
+    ending = re.compile(rf"(?:.*\D)?0*{entry}" if entry.isdecimal() else "")
+    found = [name for name in entries if name == entry or ending.fullmatch(name)]
+    if len(found) != 1:
+        raise InputError(
+            f"{path}: entry={entry}: {len(found)} of its {len(entries)} {what}s, expected one as"
+            f" {next(iter(entries), 'in the YAML files of POGEMA')}"
+        )
+    return found[0]
 
 
 def _cells(where: str, body: str, key: str) -> tuple[Cell, ...]:
