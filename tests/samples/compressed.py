@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from statistics import fmean, stdev
 from typing import NamedTuple
 
@@ -79,8 +80,22 @@ class Distance(NamedTuple):
         return f"{self.found:.4f} +- {self.error:.4f}"
 
 
-def distance(runs: Sequence[Sequence[Shape]], bias: float) -> Distance:
-    """Return how far the shapes in several runs are from their exact shares up to symmetry.
+def shares_up_to_symmetry(count: int, bias: float) -> dict[Shape, float]:
+    """Return the probability of each shape up to symmetry, to five cells."""
+    shapes, found = all_shapes(count), dict[Shape, float]()
+    for shape, share in zip(shapes, shares(shapes, bias), strict=True):
+        kind = up_to_symmetry(shape)
+        found[kind] = found.get(kind, 0.0) + share
+    return found
+
+
+def total_variation(one: Mapping[Shape, float], other: Mapping[Shape, float]) -> float:
+    """Return half the sum of the differences of two distributions."""
+    return sum(abs(one.get(kind, 0) - other.get(kind, 0)) for kind in {*one, *other}) / 2
+
+
+def distance(runs: Sequence[Sequence[Shape]], due: Mapping[Shape, float]) -> Distance:
+    """Return how far the shapes in several runs are from what is due, up to symmetry.
 
     One run alone is cut into 20, each much longer than shapes last. The total variation is half the
     sum of the signed differences. With the signs that were found it is the mean of a function of
@@ -89,11 +104,7 @@ def distance(runs: Sequence[Sequence[Shape]], bias: float) -> Distance:
     if len(runs) == 1:
         size = len(runs[0]) // _PARTS
         runs = [runs[0][part * size : (part + 1) * size] for part in range(_PARTS)]
-    shapes = all_shapes(len(runs[0][0]))
-    kinds = {shape: up_to_symmetry(shape) for shape in shapes}
-    due = dict.fromkeys(kinds.values(), 0.0)
-    for shape, share in zip(shapes, shares(shapes, bias), strict=True):
-        due[kinds[shape]] += share
+    kinds = {shape: up_to_symmetry(shape) for shape in {*chain(*runs)}}
     found = [Counter(kinds[shape] for shape in run) for run in runs]
     total = sum(found, Counter[Shape]())
     size = total.total()

@@ -29,11 +29,24 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Message, Report, parts_of
 from cubepath.protocol.wire.nodes import Keep
-from samples.compressed import Shape, all_shapes, at_origin, distance, neighbours, pairs_in, shares
+from oracles.slow_compression import shares_without_rounds
+from samples.compressed import (
+    Shape,
+    all_shapes,
+    at_origin,
+    distance,
+    neighbours,
+    pairs_in,
+    shares,
+    shares_up_to_symmetry,
+    total_variation,
+)
+from samples.slow_turns import shapes_in_turns
 
 SYSTEM = scene_from_spec("compression:n=2").system
 KEYS = {RandomStream(key).below(PATTERNS): key for key in range(1000)}
 """For each pattern a key of a shared stream that begins with it."""
+DUE = shares_up_to_symmetry(4, bias=4.0)
 
 
 class Coin(float):
@@ -177,7 +190,7 @@ def sampled_side_by_side(runs: int, rounds: int, *, hesitate: float) -> list[lis
 @pytest.mark.parametrize("hesitate", [0.0, 0.3])
 def test_long_runs_have_the_distribution(hesitate: float) -> None:
     """Also where modules hesitate: up to symmetry, the interval of the distance is below 0.03."""
-    found = distance(sampled_side_by_side(32, 10_000, hesitate=hesitate), bias=4.0)
+    found = distance(sampled_side_by_side(32, 10_000, hesitate=hesitate), DUE)
     print(found)
     assert found.most < 0.03
 
@@ -186,8 +199,8 @@ def test_long_runs_have_the_distribution(hesitate: float) -> None:
 def test_short_runs_are_near_the_distribution() -> None:
     """As near as can be expected of 6,400 rounds, and far from that of another lambda."""
     sample = sampled_side_by_side(16, 600, hesitate=0.0)
-    assert distance(sample, bias=4.0).found < 0.1
-    assert distance(sample, bias=1.0).found > 0.3
+    assert distance(sample, DUE).found < 0.1
+    assert distance(sample, shares_up_to_symmetry(4, 1.0)).found > 0.3
 
 
 def wire_sites(rounds: int, *, seed: int) -> dict[int, dict[int, Site]]:
@@ -221,10 +234,36 @@ def test_on_the_wire_rounds_are_the_same() -> None:
 def test_on_the_wire_the_distribution_is_the_same() -> None:
     """A long run of two processes is as near as its length allows."""
     rounds = wire_sites(20_000, seed=2)
-    found = distance([[at_origin(rounds[number].values()) for number in sorted(rounds)]], bias=4.0)
+    found = distance([[at_origin(rounds[number].values()) for number in sorted(rounds)]], DUE)
     print(found)
     assert found.found < 0.03
     assert found.found - found.error < 0.01
+
+
+@pytest.mark.slow
+def test_without_rounds_shares_are_exact_only_if_turns_take_no_time() -> None:
+    """The total variation falls with the latency, in proportion: it is exact in the limit."""
+    exact = shares_up_to_symmetry(3, bias=4.0)
+    far = {
+        latency: total_variation(shares_without_rounds(3, latency, bias=4.0), exact)
+        for latency in (1e-6, 0.02, 0.1, 0.5)
+    }
+    print(far)
+    assert far[1e-6] < 1e-6
+    assert 0.001 < far[0.02] < 0.0015
+    assert 0.005 < far[0.1] < 0.006
+    assert 0.018 < far[0.5] < 0.019
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("latency", [0.1, 2.0])
+def test_without_rounds_shares_are_as_computed(latency: float) -> None:
+    """What the keeper refuses in a run has the effect that it has in the exact shares."""
+    shapes, refused = shapes_in_turns(3, latency, end=4_000, seed=1)
+    found = distance([shapes], shares_without_rounds(3, latency, bias=4.0))
+    print(found, refused)
+    assert found.found < 0.03
+    assert 0 < refused < 0.5
 
 
 @pytest.mark.slow
