@@ -36,15 +36,16 @@ probability one, under hesitation and lost claims. A vehicle that follows this p
 vertex one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass the
 push on, or one of these vehicles has an empty vertex one deeper. That vertex is closed to all
 vehicles except such ones, so one of them claims it, once its better vertices are full, and the
-empty vertex is one less deep; in the end it is w, which is closed to all except v. *If v hears full, K is full*: all vertices of K, by
-induction on depth, hold vehicles that stand still, and K stays full as long as v stays. So if K has
-at least as many vertices as there are vehicles, for every p and w on v's way, v reaches its goal;
-then it is the weakest, so every vehicle reaches its goal at some time. This holds in every graph
-that stays connected without any one vertex (which PIBT asks for in a similar form), if at least one
-vertex is empty; PIBT itself needs no empty vertex, since its full cycles may turn. As with PIBT,
-nothing guarantees that all vehicles are at their goals at one time, and on trees, mazes and crowded
-maps the rule may fail. Swaps do not change this: v goes back at most `MOST_RETREATS` times before it
-is at its goal, or gives way, and for its last approach the argument holds.
+empty vertex is one less deep; in the end it is w, which is closed to all except v. *If v hears
+full, K is full*: all vertices of K, by induction on depth, hold vehicles that stand still, and K
+stays full as long as v stays. So if K has at least as many vertices as there are vehicles, for
+every p and w on v's way, v reaches its goal; then it is the weakest, so every vehicle reaches its
+goal at some time. This holds in every graph that stays connected without any one vertex (which PIBT
+asks for in a similar form), if at least one vertex is empty; PIBT itself needs no empty vertex,
+since its full cycles may turn. As with PIBT, nothing guarantees that all vehicles are at their
+goals at one time, and on trees, mazes and crowded maps the rule may fail. Swaps do not change this:
+v goes back at most `MOST_RETREATS` times before it is at its goal, or gives way, and for its last
+approach the argument holds.
 
 Failure. A vehicle gives up, in one line, when it has spent more than `patience` rounds of its life
 away from its goal, or in the first round if there is no way to it. In a run that does not end, some
