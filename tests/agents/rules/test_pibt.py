@@ -23,7 +23,7 @@ from samples.vehicle_scenes import labelled_scene_on, random_labelled_scene, wit
 DATA = Path(__file__).parents[2] / "data" / "agv"
 
 
-def path(size: int) -> list[tuple[int, int]]:
+def path_edges(size: int) -> list[tuple[int, int]]:
     return [(vertex - 1, vertex) for vertex in range(1, size)]
 
 
@@ -96,7 +96,7 @@ def test_each_gets_to_its_goal_in_many_more_instances(
 def test_a_push_runs_down_a_corridor() -> None:
     """The strongest pushes a whole row back, the last of the row goes first."""
     # 0 is the strongest at the start; its goal is three on, where the row stands.
-    played = run(labelled_scene_on(path(9), [0, 1, 2, 3], [3, 4, 5, 6]))
+    played = run(labelled_scene_on(path_edges(9), [0, 1, 2, 3], [3, 4, 5, 6]))
     assert played.reached
     first = [move.motion[0][0] for move in played.rounds[0].moves.values()]
     assert first == [(3, 3)]
@@ -130,13 +130,41 @@ def test_who_is_told_full_gives_way() -> None:
 @pytest.mark.parametrize("size", [2, 3, 6])
 def test_a_swap_on_a_path_fails_in_one_line(size: int) -> None:
     """Two that must pass each other on a path: one gives up, within the bound that is stated."""
-    played = run(labelled_scene_on(path(size), [0, size - 1], [size - 1, 0]), max_rounds=5000)
+    played = run(labelled_scene_on(path_edges(size), [0, size - 1], [size - 1, 0]), max_rounds=5000)
     assert not played.reached
     most = patience(size)
     assert played.failed is not None
     assert f"more than {most} rounds away from the goal" in played.failed
     assert "\n" not in played.failed
     assert len(played.rounds) <= 2 * most + 1
+
+
+JUNCTION = [(3, 4), (3, 5)]
+
+
+@pytest.mark.parametrize(
+    ("edges", "starts", "goals"),
+    [
+        ([*path_edges(4), *JUNCTION], [0, 1], [1, 0]),
+        ([*path_edges(4), *JUNCTION, (0, 7), (0, 8)], [1, 2], [2, 1]),
+        ([*path_edges(4), *JUNCTION, (1, 9)], [9, 1, 2], [9, 1, 0]),
+    ],
+)
+@pytest.mark.parametrize("hesitate", [0.0, 0.3])
+def test_two_in_a_corridor_change_places_at_a_junction(
+    edges: list[tuple[int, int]], starts: list[int], goals: list[int], hesitate: float
+) -> None:
+    """In a dead end, between two junctions, and past one that rests in a niche."""
+    for seed in range(5):
+        scene = labelled_scene_on(edges, starts, goals)
+        assert run(scene, seed=seed, hesitate=hesitate, max_rounds=100).reached
+
+
+def test_the_pushed_goes_where_it_is_in_nobodys_way() -> None:
+    """The pushed one takes the side road, and not the road on which it would be pushed again."""
+    for seed in range(10):
+        scene = labelled_scene_on([*path_edges(5), (2, 6)], [0, 2], [4, 2])
+        assert len(run(scene, seed=seed).path) == 6
 
 
 def test_unreachable_goal_fails_in_the_first_round() -> None:

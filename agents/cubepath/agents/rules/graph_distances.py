@@ -6,8 +6,9 @@ All vehicles of a process share a graph, so each result is computed once for all
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import lru_cache
+from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
 from cubepath.protocol.core.system import VehicleGraph
@@ -15,6 +16,8 @@ from cubepath.protocol.core.system import VehicleGraph
 _OPEN = -1
 """Instead of a vertex: none is closed."""
 _TABLE_ENTRIES = 1 << 24
+Traveller: TypeAlias = tuple[int, int]
+"""Where a vehicle stands, and its goal."""
 
 
 class Roads:
@@ -49,6 +52,40 @@ class Roads:
         """Return the neighbours of a vertex that are nearer to the goal, by increasing number."""
         distance = self.distances(goal)
         return [other for other in self.near[vertex] if distance[other] == distance[vertex] - 1]
+
+    def swap(self, pusher: Traveller, pushed: Traveller, shut: Collection[int]) -> bool:
+        """Return whether one vehicle must change places with its neighbour, and can.
+
+        It must if it would push the other along a corridor that leads nowhere else, or along which
+        the other has its goal, so that the other will want to pass it again. It can if behind it
+        there is a junction, where one lets the other pass. Vehicles stay on the vertices `shut`.
+        Source: Okumura, Improving LaCAM (swap operation). Both look only at the static map.
+        """
+        return self._must_swap(pusher, pushed, shut) and self._can_swap(pusher[0], pushed[0], shut)
+
+    def _must_swap(self, pusher: Traveller, pushed: Traveller, shut: Collection[int]) -> bool:
+        (at, goal), (ahead, other_goal) = pusher, pushed
+        mine, others = self.distances(goal), self.distances(other_goal)
+        while mine[ahead] < mine[at]:
+            ways = self._onward(at, ahead, shut)
+            if len(ways) > 1:
+                return False
+            if not ways:
+                break
+            at, ahead = ahead, ways[0]
+        return others[at] < others[ahead] and (at == goal or mine[ahead] < mine[at])
+
+    def _can_swap(self, at: int, ahead: int, shut: Collection[int]) -> bool:
+        first = at
+        ways = self._onward(ahead, at, shut)
+        while len(ways) == 1 and ways[0] != first:
+            at, ahead = ways[0], at
+            ways = self._onward(ahead, at, shut)
+        return len(ways) > 1
+
+    def _onward(self, origin: int, at: int, shut: Collection[int]) -> list[int]:
+        """Return where a vehicle that came to `at` from `origin` can go on to."""
+        return [way for way in self.near[at] if way != origin and way not in shut]
 
 
 _roads: WeakKeyDictionary[VehicleGraph, Roads] = WeakKeyDictionary()
