@@ -1,4 +1,4 @@
-"""Hexagonal pivots: both catalogues, and scenes that take one straight chain to another.
+"""Hexagonal pivots: three catalogues, and scenes that take one straight chain to another.
 
 Source: Abrams and Ghrist, example 2-d hex with pivots.
 """
@@ -223,6 +223,44 @@ def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
                     trace=(here, there),
                     before=(here, pivot),
                     after=(there, pivot),
+                    motion=((here, there),),
+                )
+            )
+    return Catalogue(HEXAGONS, tuple(found))
+
+
+def monkey_catalogue() -> Catalogue:
+    """Return the pivots of the second catalogue, and the six monkey moves.
+
+    Source: H. Akitaya, E. Demaine, A. Gonczi, D. Hendrickson, A. Hesterberg, M. Korman, O. Korten,
+    J. Lynch, I. Parada and V. Sacristan, Characterizing Universal Reconfigurability of Modular
+    Pivoting Robots (SoCG 2021), whose restricted moves are the pivots of the second catalogue. With
+    both, any two connected shapes of n hexagons reach one another in O(n^3) moves that keep the
+    aggregate connected. ::
+
+          C            A, A'  where the module is before and after: the trace
+        A   A'         P, Q   the modules that it turns about: on
+      P   B   Q        B, C   the cells beside both A and A': off
+
+    The module turns about the corner of A, B and P by 60 degrees, which takes it half into the gap
+    B. There it touches Q at the corner of A', B and Q, lets go of P, and turns about that corner by
+    60 degrees more. A pivot to B, which would turn about the first corner by 120 degrees, is what
+    Q prevents. The two halves sweep A, A', B and C alone, so the support is {A, A', B, C, P, Q}.
+    """
+    found = list(hex_catalogue(keeps_topology=False).generators)
+    for k in range(3):
+        for sense, side in ((1, "left"), (-1, "right")):
+            here, there = (0, 0), HEX_DIRECTIONS[k]
+            gap = HEX_DIRECTIONS[(k + sense) % 6]
+            opposite = HEX_DIRECTIONS[(k - sense) % 6]
+            held = (HEX_DIRECTIONS[(k + 2 * sense) % 6], _plus(gap, there))
+            found.append(
+                Generator(
+                    name=f"monkey-{k}-{side}",
+                    support=(here, there, gap, opposite, *held),
+                    trace=(here, there),
+                    before=(here, *held),
+                    after=(there, *held),
                     motion=((here, there),),
                 )
             )

@@ -16,7 +16,7 @@ from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Cell, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue, walled
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue, monkey_catalogue, walled
 from cubepath.protocol.scenes.random_scenes import (
     FOUR,
     SEED_MAX,
@@ -133,14 +133,18 @@ _Build = Callable[[Sequence[Cell], Sequence[Cell]], LatticeSystem]
 
 def _hexagons(name: str, values: Values) -> Scene:
     """Build hexagons in a random shape whose goal is another, or where a random walk leads."""
-    if values["catalogue"] not in ("1", "2"):
-        raise InputError(f"catalogue={values['catalogue']}: expected 1 or 2")
-    keeps = values["catalogue"] == "1"
+    known = {
+        "1": hex_catalogue(keeps_topology=True),
+        "2": hex_catalogue(keeps_topology=False),
+        "3": monkey_catalogue(),
+    }
+    number = values["catalogue"]
+    if number not in known:
+        raise InputError(f"catalogue={number}: expected 1, 2 or 3")
 
     def build(filled: Sequence[Cell], box: Sequence[Cell]) -> LatticeSystem:
-        return LatticeSystem(
-            hex_catalogue(keeps_topology=keeps), workspace=None if keeps else box, filled=filled
-        )
+        workspace = None if number == "1" else box
+        return LatticeSystem(known[number], workspace=workspace, filled=filled)
 
     return _shapes(name, values, SIX, build)
 
@@ -227,7 +231,10 @@ FAMILIES = (
         "hexagons from one random shape to another, or wherever a random walk leads",
         {
             **_keys(SIX),
-            "catalogue": ("1", "1 keeps the topology, 2 may split, in a box three cells wider"),
+            "catalogue": (
+                "1",
+                "1 keeps the topology, 2 may split, 3 has monkey moves too; box for 2, 3",
+            ),
         },
         _hexagons,
         LatticeSystem,
