@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.leader import LEADER
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.tswap import TSWAP
@@ -138,7 +139,7 @@ def forget_rule_files() -> None:
 GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
-BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
+BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD, LEADER)}
 
 
 @cache
