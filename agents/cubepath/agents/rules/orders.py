@@ -12,12 +12,12 @@ is in the way of another, and any order of the moves that commute leads to the s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import SILENT, Note
 from cubepath.protocol.core.actions import commute
-from cubepath.protocol.core.catalogue import Cell, Move
+from cubepath.protocol.core.catalogue import SQUARES, Cell, Move
 from cubepath.protocol.core.system import System
 
 MOST_ORDERS = 16
@@ -59,7 +59,8 @@ class Orders(NamedTuple):
         """Read a note back."""
         number, done, *rest = note
         pairs = [
-            None if pair[0] == _UNKNOWN else pair for pair in zip(rest[::2], rest[1::2], strict=True)
+            None if pair[0] == _UNKNOWN else pair
+            for pair in zip(rest[::2], rest[1::2], strict=True)
         ]
         moves = tuple(pair for pair in pairs[:MOST_ORDERS] if pair is not None)
         return cls(number, done, moves, tuple(pairs[MOST_ORDERS:]))
@@ -79,17 +80,15 @@ class Orders(NamedTuple):
         """Return it with the place of a module."""
         return self._replace(cells=(*self.cells[:module], cell, *self.cells[module + 1 :]))
 
-    def with_done(self, index: int) -> Orders:
+    def with_done(self, order: int) -> Orders:
         """Return it with a move done."""
-        return self._replace(done=self.done | 1 << index)
+        return self._replace(done=self.done | 1 << order)
 
     def merged(self, other: Orders) -> Orders:
         """Return what both together know."""
         if self.number != other.number:
             return max(self, other, key=lambda each: each.number)
-        cells = (
-            mine or its for mine, its in zip(self.cells, other.cells, strict=True)
-        )
+        cells = (mine or its for mine, its in zip(self.cells, other.cells, strict=True))
         return self._replace(done=self.done | other.done, cells=tuple(cells))
 
 
@@ -98,37 +97,47 @@ def note_length(modules: int) -> int:
     return 2 + 2 * MOST_ORDERS + 2 * modules
 
 
-class Batch:
-    """The moves of a batch of orders, and which of them wait for which.
+class DueMove(NamedTuple):
+    """A move that is due: its place in the batch from 0, the mover's action, and the move."""
 
-    `moves` are the moves in order, and `cells` is where the modules stand after them.
-    """
+    order: int
+    action: int
+    move: Move
+
+
+class Batch:
+    """The moves of a batch of orders, and which of them wait for which."""
+
+    cells: list[Cell]
+    """Where the modules stand after all of them."""
 
     def __init__(self, system: System, orders: Orders) -> None:
         """Follow the moves one by one; the places of all modules are known."""
         self.cells = [cell for cell in orders.cells if cell is not None]
-        self.moves: list[Move] = []
-        self._movers = [mover for mover, _ in orders.moves]
+        self._orders = orders.moves
+        self._moves: list[Move] = []
+        self._waits: list[int] = []
         for mover, action in orders.moves:
             move = system.moves(self.cells[mover])[action - 1]
             if move is None:
                 raise AssertionError(f"an order of no move: {mover}, {action}")
-            self.moves.append(move)
+            earlier = enumerate(self._moves)
+            self._waits.append(
+                sum(1 << index for index, one in earlier if not commute(one.action, move.action))
+            )
+            self._moves.append(move)
             self.cells = moved(self.cells, move)
-        self._waits = [
-            sum(1 << i for i in range(j) if not commute(self.moves[i].action, move.action))
-            for j, move in enumerate(self.moves)
-        ]
 
-    def due(self, module: int, done: int) -> int | None:
-        """Return which move a module has to make, given those that are done; None if none."""
-        for index, mover in enumerate(self._movers):
+    def due(self, module: int, done: int) -> DueMove | None:
+        """Return the move that a module has to make, given those that are done; None if none."""
+        for index, (mover, action) in enumerate(self._orders):
             if mover == module and not done >> index & 1:
-                return None if self._waits[index] & ~done else index
+                ready = not self._waits[index] & ~done
+                return DueMove(index, action, self._moves[index]) if ready else None
         return None
 
 
 def moved(cells: Sequence[Cell], move: Move) -> list[Cell]:
     """Return where modules stand after a move, in their order."""
-    goes = dict(move.motion)
-    return [goes.get(cell, cell) for cell in cells]  # pyright: ignore
+    goes = {source: SQUARES.check(target) for source, target in move.motion}  # two numbers
+    return [goes.get(cell, cell) for cell in cells]
