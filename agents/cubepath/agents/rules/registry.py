@@ -22,6 +22,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.compression import COMPRESSION
 from cubepath.agents.rules.descent import CROSSING, GEODESIC
+from cubepath.agents.rules.leader import LEADER
 from cubepath.agents.rules.metropolis import METROPOLIS
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleName, RuleType
@@ -145,7 +146,10 @@ def forget_rule_files() -> None:
 GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
-_OWN = (*(RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL), COMPRESSION)
+_OWN = (
+    *(RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL),
+    *(COMPRESSION, LEADER),
+)
 BUILT_IN = {rule.name: rule for rule in _OWN}
 
 

@@ -1,0 +1,255 @@
+"""The rule `leader`: one module hears where all stand, finds a way to the goal, and orders it.
+
+Source: own. Kostitsyna, Liedtke and Scheideler (Distributed rhombus formation of sliding squares,
+SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. Their squares turn round
+corners, and so reach a rhombus from every shape; here they do not, and the algorithm does not carry
+over: nothing leads out of a straight line, since no cell beside it is next to a second one, and a
+hole stays a hole. What does hold here is known by enumeration: of the shapes of 2 to 9 squares,
+taken as equal if one is the other moved, all that are neither a straight line nor have a hole reach
+one another. So the leader here searches, and its memory is not constant.
+
+*Hearing.* At first every module says where it and all others stand, as far as it has heard. No
+module moves before the first order, so what it says stays true.
+*Searching.* Module 0 is the leader. Once it knows all places, it looks for a path of single moves
+to the goal by `TwoSidedSearch`, `EXPANDED` states a round, guided by `shape_estimate`.
+*Ordering.* It says the next `MOST_ORDERS` moves of the path as a batch of `Orders`, which others
+repeat. A module makes its move as soon as it knows that all earlier moves of the batch which do
+not commute with it are done, and says then that it is done. When the leader has heard that all
+are, it says the next batch. What is sensed is only used to see whether a move is legal.
+
+Notes have 34 numbers and two for each module. A module remembers one note; the leader also the
+states that it has met, and the path.
+
+Guarantee. If the modules stay connected by reach, as those of catalogues that keep the topology do,
+and finitely many states can be reached, as in a box, then the leader finds a path if there is one,
+unless that takes it more than `PATIENCE` rounds; and the modules follow it to the goal, under
+hesitation and lost claims. To see the latter: moves that are due at the same time commute, and so
+do a move that is due and all that are made before it is, except those that it waited for. So a move
+stays legal from when it is due until it is made, its mover then stands at the target and never did
+so while it was due, no claim is lost, and each round without hesitation makes a move or takes news
+one hop further. Where news crosses the shape in D hops, L moves take at most (1 + D) L rounds, D
+for each batch, and those of the search, without hesitation. The path need not be the shortest.
+
+Failure. The leader gives up when one side of the search has met all it can, so there is no path,
+or after `PATIENCE` rounds in which it heard nothing new. In open hexagonal space, where shapes can
+walk away, only the latter ends the search for what cannot be reached.
+
+*Without rounds* a note is a register. A module writes first what it has heard, and makes a move in
+one commit with the note that it is done. What registers say is never untrue later, so late views
+only delay, and a module that is started again finds all it needs in its register; a leader repeats
+its search. There the leader only gives up while it searches, since others may be slow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules.orders import MOST_ORDERS, Batch, DueMove, Orders, moved, note_length
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.two_sided_search import TwoSidedSearch
+from cubepath.protocol.core.actions import State, apply
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import System
+
+LEADER_MODULE = 0
+"""The number of the module that leads."""
+EXPANDED = 32
+"""The most states that the leader expands in a round."""
+PATIENCE = 1000
+"""After this many rounds without progress the leader gives up."""
+
+
+def shape_estimate(goal: State) -> Callable[[State], int]:
+    """Return how far shapes of as many cells seem to be from the goal, in half moves.
+
+    This is 2 for each step in the cheapest way to take the coordinates of the cells to those of the
+    goal, for each axis alone, and 8 for each cell of the goal that is free.
+
+    >>> estimate = shape_estimate({(0, 0), (1, 0)})
+    >>> estimate({(0, 0), (1, 0)}), estimate({(0, 0), (0, 1)})
+    (0, 12)
+    """
+
+    def along(cells: State) -> list[list[int]]:
+        return [sorted(axis) for axis in zip(*cells, strict=True)]
+
+    wanted = along(goal)
+
+    def estimate(cells: State) -> int:
+        steps = sum(
+            abs(one - other)
+            for axis, wanted_axis in zip(along(cells), wanted, strict=True)
+            for one, other in zip(axis, wanted_axis, strict=True)
+        )
+        return 2 * steps + 8 * len(goal - cells)
+
+    return estimate
+
+
+class _Leader:
+    """Searches for the way to the goal, and orders it batch by batch.
+
+    States hold the obstacles that are on, too.
+    """
+
+    def __init__(self, knowledge: InitialKnowledge) -> None:
+        self._system = knowledge.system
+        self._goal = frozenset(knowledge.goals) | self._system.filled
+        self._search: TwoSidedSearch[frozenset[Site]] | None = None
+        self._thoughts = 0
+
+    def next_orders(self, orders: Orders, batch: Batch) -> Orders | None:
+        """Return the orders after those that are complete; None if there is no way, or too far."""
+        state = frozenset(batch.cells) | self._system.filled
+        if self._search is None:
+            self._search = TwoSidedSearch(
+                state, self._goal, near=self._near, estimate=shape_estimate
+            )
+        self._thoughts += self._search.path is None
+        if not self._search.expand(EXPANDED):
+            return orders if self._thoughts < PATIENCE else None
+        path = self._search.path
+        if path is None:
+            return None
+        here = path.index(state)
+        cells, moves = batch.cells, list[tuple[int, int]]()
+        for state, following in pairwise(path[here : here + MOST_ORDERS + 1]):
+            action, move = self._step(state, following)
+            moves.append(([cell == move.source for cell in cells].index(True), action))
+            cells = moved(cells, move)
+        return Orders(orders.number + 1, 0, tuple(moves), tuple(batch.cells)) if moves else orders
+
+    def _near(self, state: State) -> Iterator[frozenset[Site]]:
+        return (apply(move.action, state) for _, move in self._moves(state))
+
+    def _step(self, state: State, following: State) -> tuple[int, Move]:
+        return next(
+            (action, move)
+            for action, move in self._moves(state)
+            if apply(move.action, state) == following
+        )
+
+    def _moves(self, state: State) -> Iterator[tuple[int, Move]]:
+        for cell in in_order(state - self._system.filled):
+            for action, move in enumerate(self._system.moves(cell), 1):
+                if move is not None and move.possible(state):
+                    yield action, move
+
+
+class _Module:
+    """Repeats what it hears, and makes its moves when they are due."""
+
+    def __init__(self, knowledge: InitialKnowledge) -> None:
+        count = knowledge.modules
+        if len(knowledge.goals) != count:
+            raise InputError(
+                f"rule 'leader' needs a goal of {count} cells that every module knows, found"
+                f" {len(knowledge.goals)}"
+            )
+        catalogue = knowledge.system.catalogue
+        if catalogue is None:
+            raise InputError("rule 'leader' is for cells of a lattice")
+        self._lattice = catalogue.lattice
+        self._knowledge = knowledge
+        self._leader = _Leader(knowledge) if knowledge.module == LEADER_MODULE else None
+        self._known = Orders.unknown(count)
+        self._batch: tuple[int, Batch] | None = None
+        self._waited = 0
+
+    def __call__(self, view: View) -> Choice:
+        """Choose in a round: a move that was due, and was made since the last round, is done."""
+        before = self._known
+        orders = self._heard(before, view)
+        due = self._due(orders)
+        if due is not None and due.move.target == view.site:
+            orders = orders.with_done(due.order)
+        following = self._led(orders, before)
+        if following is None or (self._leader is not None and self._waited == PATIENCE):
+            return self._given_up()
+        self._known = following
+        note = None if following == before else following.note()
+        return Choice(_action(view, self._due(following)), note)
+
+    def choose_free(self, view: View) -> Choice:
+        """Choose at any time: first write what is known, then make a move and write that."""
+        before = Orders.unknown(self._knowledge.modules)
+        if view.register is not None:
+            before = Orders.of(view.register)
+        orders = self._led(self._heard(before, view), before)
+        if orders is None:
+            return self._given_up()
+        if view.register is None or orders != before:
+            return Choice(note=orders.note())
+        due = self._due(orders)
+        action = _action(view, due)
+        if due is None or action == STAY:
+            return Choice()
+        return Choice(action, orders.with_done(due.order).note())
+
+    def _given_up(self) -> Choice:
+        return Choice(failed=f"gave up after {self._waited} rounds without progress")
+
+    def _heard(self, orders: Orders, view: View) -> Orders:
+        """Return what is known with what others say and, before the first order, the own place."""
+        if orders.number == 0:
+            orders = orders.standing(self._knowledge.module, self._lattice.check(view.site))
+        for note in view.notes.values():
+            orders = orders.merged(Orders.of(note))
+        return orders
+
+    def _led(self, orders: Orders, before: Orders) -> Orders | None:
+        """Return the next orders if this is the leader and all is done; None if it gives up."""
+        following: Orders | None = orders
+        if self._leader is not None and orders.complete:
+            following = self._leader.next_orders(orders, self._batch_of(orders))
+        self._waited = self._waited + 1 if following in (None, before) else 0
+        return following
+
+    def _due(self, orders: Orders) -> DueMove | None:
+        if not orders.moves:
+            return None
+        return self._batch_of(orders).due(self._knowledge.module, orders.done)
+
+    def _batch_of(self, orders: Orders) -> Batch:
+        if self._batch is None or self._batch[0] != orders.number:
+            self._batch = orders.number, Batch(self._knowledge.system, orders)
+        return self._batch[1]
+
+
+def _action(view: View, due: DueMove | None) -> int:
+    """Return the action of a move that is due; `STAY` if there is none, or it is not legal."""
+    if due is None or due.move.source != view.site or not view.mask[due.action]:
+        return STAY
+    return due.action
+
+
+def _make_free(knowledge: InitialKnowledge) -> Rule:
+    return _Module(knowledge).choose_free
+
+
+def _fits(system: System) -> bool:
+    catalogue = system.catalogue
+    return (
+        system.local
+        and catalogue is not None
+        and catalogue.lattice.arity == catalogue.lattice.dimension
+    )
+
+
+LEADER = RuleType(
+    name="leader",
+    summary="one module hears where all stand, finds a way to the goal, and orders the moves",
+    source="own, after Kostitsyna, Liedtke and Scheideler, see cubepath.agents.rules.leader",
+    fits=_fits,
+    make=_Module,
+    note_length=note_length,
+    free=FreeRule(
+        why="what modules know only grows, and a move is made once all that it waits for is done",
+        make=_make_free,
+        note_length=note_length,
+    ),
+)
