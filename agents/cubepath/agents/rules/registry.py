@@ -264,9 +264,10 @@ _TRIED = 16
 
 
 def own_rule(scene: Scene) -> str:
-    """Return the name of the rule that reaches the goal of the scene's family; else ``random``."""
+    """Return the name of the rule of the scene's family; ``random`` if the scene has no goal."""
     family = sound_family(scene.family)
-    return (family.rule if family is not None else None) or "random"
+    rule = family.rule if family is not None else ""
+    return "random" if not rule or (rule == METROPOLIS.name and scene.goal is None) else rule
 
 
 def rule_for(name: str, scene: Scene, clock: str = "lockstep") -> RuleType:

@@ -57,8 +57,8 @@ class Family:
     """Make the scene for a name and the values of all keys."""
     system: type[System]
     """The class of its systems, which defines the name and the reading of their TOML table."""
-    rule: str = "random"
-    """The rule that reaches the default goal; random if there is none, empty without runs."""
+    rule: str = "metropolis"
+    """The rule that leads to the goal, if a scene has one; empty without runs."""
     one_class: Callable[[System, State], bool] = _not_known
     """Return whether all paths between two states reachable from the given one are known to be
     homotopic; the proof stands beside the function. It is called for every system of the class, so

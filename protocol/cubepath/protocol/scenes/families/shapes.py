@@ -118,6 +118,7 @@ _SLIDING = (
         },
         _sliding,
         LatticeSystem,
+        "leader",
     ),
 )
 
@@ -238,6 +239,7 @@ FAMILIES = (
         },
         _hexagons,
         LatticeSystem,
+        "leader",
     ),
     Family(
         "sliding-shapes",
@@ -248,5 +250,6 @@ FAMILIES = (
         },
         _squares,
         LatticeSystem,
+        "leader",
     ),
 )
