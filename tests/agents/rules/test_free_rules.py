@@ -25,6 +25,7 @@ SCENES = {
     "random": "sliding:p=3,q=2,n=4",
     "chain": "hex:n=5",
     "word": "arm:n=5",
+    "leader": "sliding-shapes:n=6,walk=60",
     "tswap": "agv:graph=grid4x4,n=6",
     "pibt": "agv-labelled:graph=grid4x4,n=5",
 }

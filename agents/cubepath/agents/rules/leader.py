@@ -2,11 +2,11 @@
 
 Source: own. Kostitsyna, Liedtke and Scheideler (Distributed rhombus formation of sliding squares,
 SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. Their squares turn round
-corners, and so reach a rhombus from every shape; here they do not, and the algorithm does not carry
-over: nothing leads out of a straight line, since no cell beside it is next to a second one, and a
-hole stays a hole. What does hold here is known by enumeration: of the shapes of 2 to 9 squares,
-taken as equal if one is the other moved, all that are neither a straight line nor have a hole reach
-one another. So the leader here searches, and its memory is not constant.
+corners, and so reach a rhombus from every shape. Here they do not, and the algorithm does not carry
+over: a square leaves its row only past a square beside its target, so nothing leads out of a
+straight line, and a hole that is closed at its corners stays one. By enumeration, the shapes of 3
+to 9 squares that are no straight line and have no such hole all reach one another, if shapes that
+differ by a translation count as one. So the leader here searches, and its memory is not constant.
 
 *Hearing.* At first every module says where it and all others stand, as far as it has heard. No
 module moves before the first order, so what it says stays true.
