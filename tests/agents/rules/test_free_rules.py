@@ -29,6 +29,7 @@ SCENES = {
     "geodesic": "assembly:kind=wall,n=3",
     "tunnel": "hex-tunnel:n=4",
     "metropolis": "sliding:p=3,q=2,n=4",
+    "leader": "sliding-shapes:n=6,walk=60",
     "tswap": "agv:graph=grid4x4,n=6",
     "pibt": "agv-labelled:graph=grid4x4,n=5",
     "compression": "compression:n=4",

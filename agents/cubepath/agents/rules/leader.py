@@ -2,11 +2,11 @@
 
 Source: own. Kostitsyna, Liedtke and Scheideler (Distributed rhombus formation of sliding squares,
 SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. Their squares turn round
-corners, and so reach a rhombus from every shape; here they do not, and the algorithm does not carry
-over: nothing leads out of a straight line, since no cell beside it is next to a second one, and a
-hole stays a hole. What does hold here is known by enumeration: of the shapes of 2 to 9 squares,
-taken as equal if one is the other moved, all that are neither a straight line nor have a hole reach
-one another. So the leader here searches, and its memory is not constant.
+corners, and so reach a rhombus from every shape. Here they do not, and the algorithm does not carry
+over: a square leaves its row only past a square beside its target, so nothing leads out of a
+straight line, and a hole that is closed at its corners stays one. By enumeration, the shapes of 3
+to 9 squares that are no straight line and have no such hole all reach one another, if shapes that
+differ by a translation count as one. So the leader here searches, and its memory is not constant.
 
 *Hearing.* At first every module says where it and all others stand, as far as it has heard. No
 module moves before the first order, so what it says stays true.
@@ -46,7 +46,14 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.orders import MOST_ORDERS, Batch, DueMove, Orders, moved, note_length
+from cubepath.agents.rules.orders import (
+    MOST_ORDERS,
+    DueMove,
+    OrderBatch,
+    Orders,
+    moved,
+    note_length,
+)
 from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.two_sided_search import TwoSidedSearch
 from cubepath.protocol.core.actions import State, apply
@@ -102,7 +109,7 @@ class _Leader:
         self._search: TwoSidedSearch[frozenset[Site]] | None = None
         self._thoughts = 0
 
-    def next_orders(self, orders: Orders, batch: Batch) -> Orders | None:
+    def next_orders(self, orders: Orders, batch: OrderBatch) -> Orders | None:
         """Return the orders after those that are complete; None if there is no way, or too far."""
         state = frozenset(batch.cells) | self._system.filled
         if self._search is None:
@@ -157,7 +164,7 @@ class _Module:
         self._knowledge = knowledge
         self._leader = _Leader(knowledge) if knowledge.module == LEADER_MODULE else None
         self._known = Orders.unknown(count)
-        self._batch: tuple[int, Batch] | None = None
+        self._batch: tuple[int, OrderBatch] | None = None
         self._waited = 0
 
     def __call__(self, view: View) -> Choice:
@@ -214,9 +221,9 @@ class _Module:
             return None
         return self._batch_of(orders).due(self._knowledge.module, orders.done)
 
-    def _batch_of(self, orders: Orders) -> Batch:
+    def _batch_of(self, orders: Orders) -> OrderBatch:
         if self._batch is None or self._batch[0] != orders.number:
-            self._batch = orders.number, Batch(self._knowledge.system, orders)
+            self._batch = orders.number, OrderBatch(self._knowledge.system, orders)
         return self._batch[1]
 
 

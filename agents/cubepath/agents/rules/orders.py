@@ -105,7 +105,7 @@ class DueMove(NamedTuple):
     move: Move
 
 
-class Batch:
+class OrderBatch:
     """The moves of a batch of orders, and which of them wait for which."""
 
     cells: list[Cell]

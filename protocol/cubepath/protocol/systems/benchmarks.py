@@ -23,7 +23,7 @@ Cell = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleTask:
+class BenchmarkTask:
     """Where vehicles start and where each is to go, as cells (x, y) of the map of this name."""
 
     starts: tuple[Cell, ...]
@@ -31,7 +31,7 @@ class VehicleTask:
     map_name: str
 
 
-def task_from_scen(source: Source) -> VehicleTask:
+def task_from_scen(source: Source) -> BenchmarkTask:
     """Read a movingai scenario; n vehicles use its first n lines.
 
     A line has bucket, map, the map's width and height, start x and y, goal x and y, and a length.
@@ -52,7 +52,7 @@ def task_from_scen(source: Source) -> VehicleTask:
         from_x, from_y, to_x, to_y = map(int, words[4:8])
         starts.append((from_x, from_y))
         goals.append((to_x, to_y))
-    return VehicleTask(tuple(starts), tuple(goals), map_name)
+    return BenchmarkTask(tuple(starts), tuple(goals), map_name)
 
 
 _MAP = re.compile(r"""^(["']?)([\w. -]+)\1:[ ]*\|[-+]?[ ]*\n((?:[ ]+\S+[ ]*\n)+)""", re.MULTILINE)
@@ -77,7 +77,7 @@ def graph_from_yaml(path: Path, entry: str) -> Graph:
     return grid_graph(free)
 
 
-def task_from_yaml(path: Path, entry: str) -> VehicleTask:
+def task_from_yaml(path: Path, entry: str) -> BenchmarkTask:
     """Read one of POGEMA's scenarios, by its name or the number at its end."""
     scenarios = {found[3]: found[4] for found in _SCENARIO.finditer(read_text(path) + "\n")}
     name = _entry(path, scenarios, entry, "scenario")
@@ -88,7 +88,7 @@ def task_from_yaml(path: Path, entry: str) -> VehicleTask:
     on = re.search(r"""^ *map_name: *(["']?)([\w. -]+)\1 *$""", body, re.MULTILINE)
     if on is None:
         raise InputError(f"{where}: no map_name, expected the name of its map")
-    return VehicleTask(starts, goals, on[2])
+    return BenchmarkTask(starts, goals, on[2])
 
 
 def _entry(path: Path, entries: Mapping[str, str], entry: str, what: str) -> str:

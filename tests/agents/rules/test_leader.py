@@ -1,0 +1,193 @@
+"""The rule leader: shapes reach their goals, whatever is skipped, lost or late."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from cubepath.agents.environments.rollouts import Rollout, play
+from cubepath.agents.rules import leader
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.leader import LEADER
+from cubepath.protocol.core.actions import apply
+from cubepath.protocol.core.catalogue import Cell
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.families.shapes import sliding_catalogue
+from cubepath.protocol.scenes.random_scenes import FOUR
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.lattice import LatticeSystem
+from samples.free_plays import Pace, paces
+
+SHAPES = ["sliding-shapes:n=6,walk=60", "sliding-shapes:n=6,k=1,walk=60", "hex-shapes:n=6,walk=60"]
+
+
+def run(spec: str, *, seed: int, hesitate: float = 0.0, max_rounds: int = 3000) -> Rollout:
+    scene = scene_from_spec(f"{spec},seed={seed}")
+    return play(scene, LEADER, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
+
+
+def squares(start: list[Cell], goal: list[Cell]) -> Scene:
+    """Return a scene of squares in a box of 12 by 12 cells."""
+    system = LatticeSystem(
+        sliding_catalogue(len(start) - 1),
+        workspace=[(x, y) for x in range(-4, 8) for y in range(-4, 8)],
+    )
+    goals = (tuple(goal),) * len(start)
+    return Scene("by hand", "sliding", system, tuple(start), frozenset(goal), goals)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SHAPES)
+@pytest.mark.parametrize("hesitate", [0.0, 0.5])
+def test_shapes_get_where_a_walk_leads(spec: str, hesitate: float) -> None:
+    """Every seed does, and no claim is lost."""
+    for seed in range(4):
+        played = run(spec, seed=seed, hesitate=hesitate)
+        assert played.reached
+        assert not any(each.lost for each in played.rounds)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "spec", ["sliding-shapes:n=8,walk=400", "sliding-shapes:n=12", "hex-shapes:n=6,walk=300"]
+)
+@pytest.mark.parametrize("hesitate", [0.0, 0.5])
+def test_many_larger_shapes_get_there(spec: str, hesitate: float) -> None:
+    """The same for 30 seeds, none of which draws a straight line of squares."""
+    for seed in range(1, 31):
+        played = run(spec, seed=seed, hesitate=hesitate)
+        assert played.reached
+        assert not any(each.lost for each in played.rounds)
+
+
+@pytest.mark.thorough
+def test_news_takes_many_hops() -> None:
+    """Hexagons hear three cells far, so orders to 20 of them are passed on by others."""
+    reached = sum(run("hex-shapes:n=20,walk=200", seed=seed).reached for seed in range(1, 9))
+    assert reached >= 6
+
+
+@pytest.mark.slow
+def test_squares_go_round_an_obstacle() -> None:
+    """Obstacles that are on hold the squares, and do not move."""
+    assert play(scene_from_spec("sliding:p=2,q=1,n=3"), LEADER, max_rounds=300).reached
+
+
+@pytest.mark.slow
+def test_moves_that_commute_are_made_in_one_round() -> None:
+    """A run has more moves than rounds in which something moves."""
+    played = run("hex-shapes:n=12,walk=300", seed=2)
+    assert played.reached
+    assert len(played.path) > sum(bool(each.moves) for each in played.rounds)
+
+
+LINE = [(x, 0) for x in range(4)]
+BLOCK = [(0, 0), (1, 0), (0, 1), (1, 1)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("start", "goal"), [(LINE, BLOCK), (BLOCK, LINE)])
+def test_no_way_from_or_to_a_straight_line(start: list[Cell], goal: list[Cell]) -> None:
+    """The side of the line has soon met all that it can, and the leader gives up in one line."""
+    played = play(squares(start, goal), LEADER, max_rounds=100)
+    assert not played.path
+    assert played.failed is not None
+    assert played.failed.startswith("module_0: gave up after ")
+    assert played.failed.endswith(" rounds without progress")
+
+
+@pytest.mark.slow
+def test_it_gives_up_where_the_search_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A leader whose search outlasts its patience, which is less here, fails in one line."""
+    monkeypatch.setattr(leader, "PATIENCE", 4)
+    monkeypatch.setattr(leader, "EXPANDED", 1)
+    played = run("sliding-shapes:n=6,walk=60", seed=1)
+    assert played.failed == "module_0: gave up after 3 rounds without progress"
+    assert len(played.rounds) < 10
+
+
+@pytest.mark.slow
+@settings(max_examples=3, derandomize=True)
+@given(paces(), st.sampled_from(SHAPES))
+def test_without_rounds_at_any_pace(pace: Pace, spec: str) -> None:
+    """Late views, slow modules, skipped turns and lost memories keep no shape from its goal."""
+    scene = scene_from_spec(f"{spec},seed=2")
+    played = pace.play(scene, LEADER)
+    assert played.failed is None
+    assert played.reached
+
+
+@pytest.mark.thorough
+@settings(max_examples=60, derandomize=True)
+@given(paces(), st.sampled_from(SHAPES), st.integers(0, 20))
+def test_without_rounds_at_many_more_paces(pace: Pace, spec: str, seed: int) -> None:
+    """The same for more of them, from more shapes."""
+    played = pace.play(scene_from_spec(f"{spec},seed={seed}"), LEADER)
+    assert played.failed is None
+    assert played.reached
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_run() -> None:
+    """Nothing but hesitation is random."""
+    one, two, six = (run("hex-shapes:n=6,walk=60", seed=3, hesitate=h) for h in (0.3, 0.3, 0.0))
+    assert one == two
+    assert one != six
+
+
+def test_it_is_for_cells_whose_modules_know_the_whole_goal() -> None:
+    """It is not offered for edges, vehicles or what is not local, and needs all goal cells."""
+    for spec in ("sliding", "hex-shapes", "hex:n=4"):
+        assert LEADER.fits(scene_from_spec(spec).system)
+    for spec in ("arm:n=4", "agv:graph=K5", "polygon:n=6"):
+        assert not LEADER.fits(scene_from_spec(spec).system)
+    scene = replace(squares(BLOCK, BLOCK), goals=())
+    with pytest.raises(InputError, match="goal of 4 cells that every module knows, found 0"):
+        actors_for(scene, LEADER, seed=0, hesitate=0.0)
+
+
+def shapes_of(count: int) -> set[frozenset[Cell]]:
+    """Return all shapes of squares, each where its least coordinates are 0."""
+    found: set[frozenset[Cell]] = {frozenset({(0, 0)})}
+    for _ in range(count - 1):
+        found = {
+            placed(shape | {(x + along, y + up)})
+            for shape in found
+            for x, y in shape
+            for along, up in FOUR
+            if (x + along, y + up) not in shape
+        }
+    return found
+
+
+def placed(shape: frozenset[Cell]) -> frozenset[Cell]:
+    left, low = (min(axis) for axis in zip(*shape, strict=True))
+    return frozenset((x - left, y - low) for x, y in shape)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "reached"),
+    [(3, 4), (4, 17), (5, 61), pytest.param(6, 214, marks=pytest.mark.thorough)],
+)
+def test_all_shapes_but_straight_lines_reach_one_another(count: int, reached: int) -> None:
+    """By enumeration, taken as equal if one is the other moved; the two lines reach nothing."""
+    system = LatticeSystem(sliding_catalogue(count - 1))
+    rest, groups = shapes_of(count), list[int]()
+    while rest:
+        group = [rest.pop()]
+        for shape in group:
+            for cell in shape:
+                for move in system.moves_at(cell):
+                    if move.possible(shape):
+                        after = frozenset(
+                            map(system.catalogue.lattice.check, apply(move.action, shape))
+                        )
+                        if placed(after) in rest:
+                            rest.remove(placed(after))
+                            group.append(placed(after))
+        groups.append(len(group))
+    assert sorted(groups) == [1, 1, reached]
