@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cubepath.agents import play
-from cubepath.protocol.core.actions import State, admissible, apply
+from cubepath.protocol.core.actions import admissible, apply
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue, monkey_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -19,7 +20,8 @@ from oracles.cells import Cell, cells_of
 
 Turn = tuple[Cell, frozenset[Cell], frozenset[Cell]]
 """Where a module at (0, 0) comes to, the cells that hold it, and the other cells that it meets."""
-RING: State = frozenset(HEX_DIRECTIONS)
+Shape = frozenset[Site]
+RING: Shape = frozenset(HEX_DIRECTIONS)
 SIXTH = complex(0.5, 3**0.5 / 2)
 CORNERS = [1j * SIXTH**k for k in range(6)]
 """The corners of the hexagon with its centre at 0."""
@@ -83,7 +85,7 @@ def test_the_moves_are_all_double_turns() -> None:
     assert set(moves) == set(double_turns())
 
 
-def connected_after(system: LatticeSystem, shape: State) -> Iterator[State]:
+def connected_after(system: LatticeSystem, shape: Shape) -> Iterator[Shape]:
     """The connected shapes to which one move leads, moved so that their least coordinates are 0."""
     for site in shape:
         for move in system.moves(site):
@@ -93,12 +95,12 @@ def connected_after(system: LatticeSystem, shape: State) -> Iterator[State]:
                     yield from_zero(after)
 
 
-def from_zero(shape: State) -> State:
+def from_zero(shape: Shape) -> Shape:
     q, r = (min(cell[axis] for cell in cells_of(shape)) for axis in (0, 1))
     return frozenset((cell[0] - q, cell[1] - r) for cell in cells_of(shape))
 
 
-def reached(catalogue: Catalogue, shape: State) -> set[State]:
+def reached(catalogue: Catalogue, shape: Shape) -> set[Shape]:
     """All shapes to which moves lead that keep the aggregate connected, up to translation."""
     system = LatticeSystem(catalogue, connected=True)
     found, todo = {from_zero(shape)}, [from_zero(shape)]
@@ -126,7 +128,7 @@ SHAPES = {2: 3, 3: 11, 4: 44, 5: 186, 6: 814, 7: 3652}
 )
 def test_all_shapes_reach_one_another(size: int) -> None:
     """From the chain moves that keep the aggregate connected lead to every connected shape."""
-    chain: State = frozenset((place, 0) for place in range(size))
+    chain: Shape = frozenset((place, 0) for place in range(size))
     assert len(reached(monkey_catalogue(), chain)) == SHAPES[size]
 
 

@@ -271,12 +271,11 @@ def _plus(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
     return one[0] + other[0], one[1] + other[1]
 
 
-def walled(cells: Sequence[Cell]) -> list[Cell]:
-    """Return the cells of a box around the given cells, three cells wider on each side.
+def walled(cells: Sequence[Cell], margin: int = 3) -> list[Cell]:
+    """Return the cells of a box around the given cells, wider by a margin on each side.
 
     Under the second catalogue pieces may break off and move away, so it needs walls.
     """
-    margin = 3
     return [
         (q, r)
         for q in range(min(c[0] for c in cells) - margin, max(c[0] for c in cells) + margin + 1)

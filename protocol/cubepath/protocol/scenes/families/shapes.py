@@ -35,6 +35,7 @@ from cubepath.protocol.systems.lattice import LatticeSystem
 
 _MOST_CELLS = 10_000
 _LONGEST_RUN = 1_000
+_WIDEST = 1_000
 
 
 def sliding_catalogue(longest: int) -> Catalogue:
@@ -170,7 +171,7 @@ def _shapes(name: str, values: Values, beside: tuple[Cell, ...], build: _Build) 
     start = draw(count, beside, Stream("start shape", seed))
     moves = walk_length(values, count)
     end = start if moves is not None else draw(count, beside, Stream("goal shape", seed))
-    box = walled([*start, *end])
+    box = walled([*start, *end], whole(values, "box", least=1, most=_WIDEST))
     filled = _obstacles(box, {*start, *end}, density, Stream("obstacles", seed))
     system = build(filled, box)
     goal: tuple[Site, ...] = end
@@ -217,6 +218,7 @@ _KEYS = {
     "how": ("uniform", "uniform: each shape equally likely, to n={}; growth: cell by cell"),
     "density": ("0", "share of the other cells that are obstacles, to 0.5"),
     "walk": WALK_KEY,
+    "box": ("3", "by how many cells the box is wider than the shapes, on each side"),
 }
 
 
@@ -234,7 +236,7 @@ FAMILIES = (
             **_keys(SIX),
             "catalogue": (
                 "1",
-                "1 keeps the topology, 2 may split, 3 has monkey moves too; box for 2, 3",
+                "1 keeps the topology; in a box: 2 may split, 3 has monkey moves too",
             ),
         },
         _hexagons,
