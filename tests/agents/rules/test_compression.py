@@ -279,5 +279,5 @@ def test_lines_of_twelve_compress() -> None:
 @pytest.mark.parametrize("bias", ["0", "-1", "1e7", "nan", "four"])
 def test_a_lambda_out_of_bounds_is_refused(bias: str) -> None:
     """One line says what was expected."""
-    with pytest.raises(InputError, match="lambda=.*: expected"):
+    with pytest.raises(InputError, match=r"lambda=.*: expected"):
         find_rule(f"compression:lambda={bias}")

@@ -55,7 +55,7 @@ from cubepath.protocol.plans.imported import (
     text,
 )
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
-from cubepath.protocol.systems.benchmarks import VehicleTask, task_from_scen
+from cubepath.protocol.systems.benchmarks import BenchmarkTask, task_from_scen
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
@@ -268,7 +268,7 @@ def _beside(
 ) -> tuple[Graph, Sequence[Cell] | None, Sequence[Cell] | None]:
     """Return the map, and the starts and goals of the scenario if there is one."""
     graph: Graph | None = None
-    scenario: VehicleTask | None = None
+    scenario: BenchmarkTask | None = None
     for companion in request.companions:
         with opened(companion) as file:
             is_scenario = re.match(r"\s*version\b", file.text()) is not None

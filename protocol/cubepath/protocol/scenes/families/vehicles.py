@@ -23,7 +23,7 @@ from cubepath.protocol.scenes.random_scenes import (
 )
 from cubepath.protocol.scenes.registry import Family, Values, whole
 from cubepath.protocol.systems.benchmarks import (
-    VehicleTask,
+    BenchmarkTask,
     graph_from_yaml,
     task_from_scen,
     task_from_yaml,
@@ -66,7 +66,7 @@ def _agv(name: str, values: Values) -> Scene:
 def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
     """Return the graph, starts and goals of a scene's file: of its first n vehicles, or of all."""
     path, on = Path(values["scene"]), values["graph"]
-    task: PlannerInstance | VehicleTask
+    task: PlannerInstance | BenchmarkTask
     if path.suffix == ".scen":
         task = task_from_scen(path)
         if Path(on).name != Path(task.map_name).name:
@@ -86,7 +86,7 @@ def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
         if count > len(starts):
             raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
         starts, goals = starts[:count], goals[:count]
-    if isinstance(task, VehicleTask):
+    if isinstance(task, BenchmarkTask):
         check_vehicles(str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)])
     return graph, starts, goals
 
