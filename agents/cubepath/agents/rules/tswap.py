@@ -278,6 +278,12 @@ class ExchangeNote(NamedTuple):
     probe: int
     hops: int
     countdown: int
+    held: int
+    """Whether it keeps its want: it has passed on a probe, or a countdown."""
+    height: int
+    """How many vehicles wait one behind another for this one, up to `SEEN_WHOLE`."""
+    grant: int
+    """Where a vehicle stands that may slide its goal to this one."""
 
     def want(self, place: int) -> int:
         """Return what it wants from `place`, where it now stands; at rest the place itself."""
@@ -290,13 +296,16 @@ class _Vehicle:
             raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
         self._graph = graph
         self._roads = roads_of(graph)
+        self._knowledge = knowledge
         self._goal = graph.index[knowledge.goals[0]]
         self._place = graph.index[knowledge.start]
+        self._said = ExchangeNote(self._goal, NOBODY, NOBODY, NOBODY, 0, 0, 0, 0, NOBODY)
         self._want = self._next(self._place, ())
         self._second = self._want
         self._blocked = NOBODY  # earlier rounds blocked by the same vehicle
         self._passed_on = False  # a probe, since it was blocked
         self._countdown = 0
+        self._height = 0
         self._failed: str | None = None
         if self._roads.distances(self._goal)[self._place] < 0:
             self._failed = f"no way from {knowledge.start!r} to the goal {knowledge.goals[0]!r}"
@@ -316,7 +325,12 @@ class _Vehicle:
         if goal is not None:
             self._goal = goal
             self._turn_to(self._next(self._place, taken))
-        elif self._want in heard and heard[self._want].goal != self._want:
+            return self._say(view, heard, probe)
+        self._goal = self._slid(heard)
+        if self._want not in self._roads.nearer(self._place, self._goal):
+            self._turn_to(self._next(self._place, taken))
+            return self._say(view, heard, probe)
+        if self._want in heard and heard[self._want].goal != self._want:
             probe = self._wait(heard, taken)
         else:
             self._turn_to(self._want)
@@ -347,41 +361,133 @@ class _Vehicle:
         for said in behind.values():
             if said.countdown == 1:
                 return said.goal
-        at = want
+        return None if self._said.grant != NOBODY else self._round_goal(behind, heard)
+
+    def _round_goal(
+        self, behind: Mapping[int, ExchangeNote], heard: Mapping[int, ExchangeNote]
+    ) -> int | None:
+        """Return the goal behind this vehicle in a short blocked cycle, in which nobody grants."""
+        at = self._want
         for _ in range(SEEN_WHOLE - 1):
+            if at not in heard or heard[at].grant != NOBODY:
+                break
             if at in behind:
                 return behind[at].goal
-            if at not in heard:
-                break
             at = heard[at].want(at)
         return None
+
+    def _slid(self, heard: Mapping[int, ExchangeNote]) -> int:
+        """Return the goal after an exchange that changes no want, if there is one."""
+        here, said = self._place, self._said
+        back, front = heard.get(said.grant), heard.get(self._want)
+        if (
+            back is not None
+            and back.grant == NOBODY
+            and self._slides(said.grant, back, here, said, heard)
+        ):
+            return back.goal
+        if (
+            front is not None
+            and front.grant == here
+            and said.grant == NOBODY
+            and self._slides(here, said, self._want, front, heard)
+        ):
+            return front.goal
+        return self._goal
+
+    def _slides(
+        self,
+        behind: int,
+        back: ExchangeNote,
+        at: int,
+        front: ExchangeNote,
+        heard: Mapping[int, ExchangeNote],
+    ) -> bool:
+        """Return whether the goal of the vehicle behind may slide to the one at `at`."""
+        want = front.first
+        if back.first != at or want == at or back.countdown or front.countdown:
+            return False
+        if want in heard and heard[want].goal == want:
+            return False
+        far, near = self._roads.distances(back.goal), self._roads.distances(front.goal)
+        if (front.held and far[want] >= far[at]) or (back.held and near[at] >= near[behind]):
+            return False
+        return far[at] ** 2 + near[behind] ** 2 < far[behind] ** 2 + near[at] ** 2
+
+    def _grant(self, heard: Mapping[int, ExchangeNote], mine: ExchangeNote) -> int:
+        """Return where the vehicle stands behind this one whose goal may slide to it."""
+        behind = {at: said for at, said in heard.items() if said.want(at) == self._place}
+        if (
+            self._blocked == 0
+            or self._knowledge.random.random() < 0.5
+            or self._round_goal(behind, heard) is not None
+        ):
+            return NOBODY
+        may = [
+            at for at, said in behind.items() if self._slides(at, said, self._place, mine, heard)
+        ]
+        return max(
+            may, key=lambda at: (self._roads.distances(behind[at].goal)[at], at), default=NOBODY
+        )
 
     def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
         """Wait behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
+        behind = [said.height for at, said in heard.items() if said.want(at) == self._place]
+        self._height = min(SEEN_WHOLE, 1 + max(behind, default=-1))
         self._countdown = max(self._countdown - 1, 0)
         for at, said in heard.items():
             if said.countdown > 1 and said.want(at) == self._place:
                 self._countdown = said.countdown - 1
         ahead = heard[self._want]
-        goal, hops = ahead.probe, ahead.hops + 1
-        probe = (self._goal, 0)
-        if goal >= self._goal and hops <= self._blocked:
-            if goal > self._goal:
-                probe = (goal, hops)
+        number, hops = ahead.probe, ahead.hops + 1
+        probe = (self._knowledge.module, 0)
+        if self._height < SEEN_WHOLE:
+            self._passed_on = False
+        elif number >= self._knowledge.module and hops <= self._blocked:
+            if number > self._knowledge.module:
+                probe = (number, hops)
                 self._passed_on = True
             elif not self._countdown:
                 self._countdown = hops
         if not self._passed_on and not self._countdown:
             want = self._next(self._place, taken)
-            if want not in taken:
+            if want in taken:
+                want = self._opposed(heard)
+            if want != self._want:
                 self._turn_to(want)
                 return (NOBODY, 0)
         return probe
 
+    def _opposed(self, heard: Mapping[int, ExchangeNote]) -> int:
+        """Return where a vehicle stands that can come nearer by an exchange with this one.
+
+        Of several such pairs, that of the smallest vertices comes first, so both choose it.
+        """
+        here = self._place
+        pairs = [
+            (min(here, way), max(here, way), way)
+            for way in self._roads.nearer(here, self._goal)
+            if (said := heard.get(way)) is not None
+            and not said.held
+            and here in self._roads.nearer(way, said.goal)
+        ]
+        return min(pairs)[2] if pairs else self._want
+
     def _say(self, view: View, heard: Mapping[int, ExchangeNote], probe: tuple[int, int]) -> Choice:
         self._second = self._next(self._want, heard)
-        note = ExchangeNote(self._goal, self._want, self._second, *probe, self._countdown)
+        held = int(self._passed_on or self._countdown > 0)
+        note = ExchangeNote(
+            self._goal,
+            self._want,
+            self._second,
+            *probe,
+            self._countdown,
+            held,
+            self._height,
+            NOBODY,
+        )
+        note = self._said = note._replace(grant=self._grant(heard, note))
         target = self._graph.vertices[self._want]
         action = next((action for action, move in view.legal() if move.target == target), STAY)
         return Choice(action, tuple(note), self._failed)
