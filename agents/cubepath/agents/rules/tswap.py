@@ -11,37 +11,47 @@ another know the same facts, as of the start of the round:
 1. *Move*: a wanted vertex that is empty is claimed.
 2. *Exchange*: if it holds a vehicle that rests at its goal, the two exchange goals. All vehicles
    that want that vertex are its neighbours, hear one another, and agree: the highest goal number
-   wins.
+   wins. A blocked vehicle may also *grant* one behind it, by its note, that they exchange goals if
+   that lowers the sum of squares of their distances; who has granted does nothing else meanwhile.
 3. *Rotate*: if wants close a cycle of vehicles away from their goals, each takes the goal of the
-   one behind it, all in one round. In cycles of at most five, all hear all and rotate at once.
-   In longer ones, a blocked vehicle says a probe (a goal, hops): its own goal, or the probe of the
-   vehicle ahead if that goal is higher. It passes on no probe that set out before it was itself
-   blocked as it is now. A vehicle that hears its own goal after k hops is in a cycle of k, and
-   sends a countdown from k forwards around the cycle; a vehicle that hears a 1 from behind takes
-   the goal from there.
+   one behind it, all in one round. In cycles of at most five, all hear all and rotate at once,
+   if none has granted. In longer ones, a blocked vehicle says a probe (a vehicle's number, hops):
+   its own, or the probe of the vehicle ahead if that number is higher. It passes on no probe that
+   set out before it was itself blocked as it is now. A vehicle that hears its own number after k
+   hops is in a cycle of k, and sends a countdown from k forwards around the cycle; a vehicle that
+   hears a 1 from behind takes the goal from there. One that has passed on a probe, or a countdown,
+   is *held*: it keeps its want. The others turn to an empty vertex, or to one whose vehicle would
+   come nearer by an exchange. A vehicle behind which fewer than five wait in a row may be at the
+   end of a tail; it passes on no probe, and is not held.
 
-Goals are never lost or duplicated: exchanges and cycles are disjoint, since a vehicle wants one
-vertex, and a vehicle that exchanges wants or is a resting vehicle; both sides of each act on the
-same notes.
+Goals are never lost or duplicated, since exchanges and rotations are disjoint, and both sides of
+each act on the same notes. A vehicle wants one vertex, and one that exchanges wants or is a resting
+vehicle. A granted exchange is made only if the vehicle behind wants the other and has granted
+nothing, neither has moved, the other wants no resting vehicle, and neither counts down; a short
+cycle through both contains the grant.
 
 The rule reaches the goal. Let F be the sum of squares of the distances to the goals. A move lowers
-one distance d by one; an exchange turns d >= 2 and 0 into d - 1 and 1; a rotation lowers every
-distance in it by one: each lowers F. And something happens while a vehicle is not at its goal: if
-no wanted vertex is empty (of several claims, the highest ranked is granted) and no resting vehicle
-is wanted, following wants from vehicle to vehicle leads into a blocked cycle. No vehicle in it can
-move or exchange, and probes find it:
+one distance d by one; an exchange with a resting vehicle turns d >= 2 and 0 into d - 1 and 1; a
+rotation lowers every distance in it by one; other exchanges lower F by their condition. So these
+are finite in number. After the last, goals and places stand, and then the wants: of the pairs that
+would come nearer by an exchange, not held, that of the smallest vertices is chosen by both. Suppose
+a vehicle is not at its goal. No wanted vertex is empty (of several claims, the highest ranked is
+granted) and no resting vehicle is wanted, so following wants leads into a blocked cycle. Grants are
+drawn at random, so a short cycle rotates with probability one; in a longer one probes find it:
 
-- *Sound.* Suppose v hears its own goal after k hops, and has been blocked as it is for k rounds.
+- *Sound.* Suppose v hears its own number after k hops, and has been blocked as it is for k rounds.
   Each vehicle that passed the probe on was blocked by the one before, and stays so as long as that
-  one stands and is not at its goal; v did, so by induction along the hops all wants still hold.
-- *Complete.* Probes flow against the wants, so none come in from tails. Probes older than the cycle
-  end at the vehicle that closed it, after k hops at the latest; then all vehicles pass on the
-  highest goal in the cycle, and only that one returns. So a cycle rotates within 3k rounds.
+  one stands and is not at its goal, for exchanges keep its want. It stays held: a vehicle that
+  learns that fewer than five wait behind it learns it after those behind it, which have let go of
+  the probe before. So by induction along the hops all wants still hold.
+- *Complete.* In a cycle each has ever more behind it. Probes flow against the wants, so none come
+  in from tails. Probes older than the cycle end at the vehicle that closed it, after k hops at the
+  latest; then all vehicles pass on the highest number in the cycle, and only that one returns. So
+  a cycle that none leaves rotates within 3k rounds.
 
-A vehicle that has passed on no probe may change its want to an empty vertex. Hesitation and lost
-claims only cost time, since wants and goals do not depend on them. Distances are those of the
-static map; a vehicle without a way to its goal at birth gives up in one line, since it cannot know
-which goals in its part of the map are held by vehicles elsewhere.
+Hesitation and lost claims only cost time, since wants and goals do not depend on them. Distances
+are those of the static map; a vehicle without a way to its goal at birth gives up in one line,
+since it cannot know which goals in its part of the map are held by vehicles elsewhere.
 
 *Without rounds.* Here goals are registers at places: a vehicle that is started again takes up what
 is in its register, and a goal goes from one register to another in one commit, so no goal is ever
@@ -322,15 +332,10 @@ class _Vehicle:
         self._arrive(index[view.place])
         probe = (NOBODY, 0)
         goal = self._new_goal(heard)
-        if goal is not None:
-            self._goal = goal
+        self._goal = self._exchanged(heard) if goal is None else goal
+        if goal is not None or self._want not in self._roads.nearer(self._place, self._goal):
             self._turn_to(self._next(self._place, taken))
-            return self._say(view, heard, probe)
-        self._goal = self._slid(heard)
-        if self._want not in self._roads.nearer(self._place, self._goal):
-            self._turn_to(self._next(self._place, taken))
-            return self._say(view, heard, probe)
-        if self._want in heard and heard[self._want].goal != self._want:
+        elif self._want in heard and heard[self._want].goal != self._want:
             probe = self._wait(heard, taken)
         else:
             self._turn_to(self._want)
@@ -376,38 +381,24 @@ class _Vehicle:
             at = heard[at].want(at)
         return None
 
-    def _slid(self, heard: Mapping[int, ExchangeNote]) -> int:
-        """Return the goal after an exchange that changes no want, if there is one."""
-        here, said = self._place, self._said
-        back, front = heard.get(said.grant), heard.get(self._want)
-        if (
-            back is not None
-            and back.grant == NOBODY
-            and self._slides(said.grant, back, here, said, heard)
-        ):
-            return back.goal
-        if (
-            front is not None
-            and front.grant == here
-            and said.grant == NOBODY
-            and self._slides(here, said, self._want, front, heard)
-        ):
-            return front.goal
-        return self._goal
+    def _exchanged(self, heard: Mapping[int, ExchangeNote]) -> int:
+        """Return the goal after the exchange that this vehicle granted, or that it was granted."""
+        here, grant = self._place, self._said.grant
+        back, front = (here, self._want) if grant == NOBODY else (grant, here)
+        notes = {**heard, here: self._said}
+        if front not in notes or notes[front].grant != back or not self._gains(back, front, notes):
+            return self._goal
+        return notes[front if back == here else back].goal
 
-    def _slides(
-        self,
-        behind: int,
-        back: ExchangeNote,
-        at: int,
-        front: ExchangeNote,
-        heard: Mapping[int, ExchangeNote],
-    ) -> bool:
-        """Return whether the goal of the vehicle behind may slide to the one at `at`."""
-        want = front.first
-        if back.first != at or want == at or back.countdown or front.countdown:
+    def _gains(self, behind: int, at: int, notes: Mapping[int, ExchangeNote]) -> bool:
+        """Return whether the vehicles there may exchange goals, and whether that lowers F."""
+        if behind not in notes:
             return False
-        if want in heard and heard[want].goal == want:
+        back, front = notes[behind], notes[at]
+        want = front.first
+        rests = want in notes and notes[want].goal == want
+        busy = back.grant != NOBODY or back.countdown or front.countdown
+        if back.first != at or want == at or rests or busy:
             return False
         far, near = self._roads.distances(back.goal), self._roads.distances(front.goal)
         if (front.held and far[want] >= far[at]) or (back.held and near[at] >= near[behind]):
@@ -415,20 +406,15 @@ class _Vehicle:
         return far[at] ** 2 + near[behind] ** 2 < far[behind] ** 2 + near[at] ** 2
 
     def _grant(self, heard: Mapping[int, ExchangeNote], mine: ExchangeNote) -> int:
-        """Return where the vehicle stands behind this one whose goal may slide to it."""
-        behind = {at: said for at, said in heard.items() if said.want(at) == self._place}
-        if (
-            self._blocked == 0
-            or self._knowledge.random.random() < 0.5
-            or self._round_goal(behind, heard) is not None
-        ):
+        """Return where the vehicle stands behind this one with which it may exchange goals."""
+        here, notes = self._place, {**heard, self._place: mine}
+        behind = {at: said for at, said in heard.items() if said.want(at) == here}
+        short_cycle = self._round_goal(behind, heard) is not None
+        if self._blocked < 1 or short_cycle or self._knowledge.random.random() < 0.5:
             return NOBODY
-        may = [
-            at for at, said in behind.items() if self._slides(at, said, self._place, mine, heard)
-        ]
-        return max(
-            may, key=lambda at: (self._roads.distances(behind[at].goal)[at], at), default=NOBODY
-        )
+        may = [at for at in behind if self._gains(at, here, notes)]
+        distances = self._roads.distances
+        return max(may, key=lambda at: (distances(behind[at].goal)[at], at), default=NOBODY)
 
     def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
         """Wait behind a vehicle that is not at its goal; return the probe to say."""
