@@ -36,6 +36,8 @@ class Run:
         self.world = World(scene, seed=seed, note_length=TSWAP.note_length(len(scene.start)))
         self.failed: str | None = None
         self.moves = 0
+        self.states: list[tuple[int, int]] = []  # moves made, and the sum of squares, by round
+        self.distances: list[int] = []  # the sum of those that are left, by round
         self.countdowns: list[int] = []
         actors = actors_for(scene, TSWAP, seed=seed, hesitate=hesitate)
         before: int | None = None
@@ -52,6 +54,8 @@ class Run:
             self.moves += len(self.world.step(actions, notes).moves)
             if self.failed is None:
                 left = self.left(notes)
+                self.states.append((self.moves, left))
+                self.distances.append(self.left(notes, power=1))
                 assert before is None or left <= before, "the sum of squares grew"
                 before = left
 
@@ -60,11 +64,11 @@ class Run:
         held = sorted(ExchangeNote(*note).goal for note in notes.values())
         assert held == sorted(self.system.index[goal] for goal in self.scene.goal or ())
 
-    def left(self, notes: dict[int, Note]) -> int:
-        """Return the sum of squares of the distances that are left."""
+    def left(self, notes: dict[int, Note], power: int = 2) -> int:
+        """Return the sum of squares, or of another power, of the distances that are left."""
         roads, index = roads_of(self.system.graph), self.system.index
         return sum(
-            roads.distances(ExchangeNote(*notes[module]).goal)[index[site]] ** 2
+            roads.distances(ExchangeNote(*notes[module]).goal)[index[site]] ** power
             for module, site in enumerate(self.world.sites)
         )
 
@@ -149,9 +153,34 @@ def test_a_blocked_cycle_rotates_its_goals(size: int, hesitate: float) -> None:
     run = Run(scene_on([*cycle(size), (0, size)], range(size), goals), hesitate=hesitate)
     assert run.reached
     assert run.moves == 1
-    assert (max(run.countdowns) > 0) == (size > 5), "long cycles need a countdown, short ones none"
+    assert size > 5 or max(run.countdowns) == 0, "short cycles need no countdown"
+    assert size != 6 or hesitate or max(run.countdowns) > 0, "longer ones do"
     waits = 10 if hesitate else 1
     assert run.world.round <= 1 + ahead * (3 * size if size > 5 else 1) + waits
+
+
+def check_progress(scene: Scene, rounds: int, idle: int) -> Run:
+    """Check that no more than `idle` rounds in a row neither move a vehicle nor lower a sum."""
+    run = Run(scene, max_rounds=rounds)
+    stands = 0
+    for one, other in pairwise(run.states):
+        stands = 0 if one != other else stands + 1
+        assert stands <= idle
+    return run
+
+
+def test_a_dense_grid_makes_progress() -> None:
+    """Every round but the first moves vehicles or lowers the sum of squares of the distances."""
+    run = check_progress(random_scene("grid8x8", 40, 1), rounds=200, idle=1)
+    assert run.reached
+
+
+@pytest.mark.thorough
+def test_1000_vehicles_on_a_grid_of_1600_make_progress() -> None:
+    """In 40 rounds more than half of all distances is gone, with progress in every round."""
+    scene = scene_from_spec("agv:graph=grid40x40,n=1000,seed=1")
+    run = check_progress(scene, rounds=40, idle=0)
+    assert run.distances[-1] < run.distances[0] / 2
 
 
 def test_full_goals_on_a_full_graph_take_no_round() -> None:

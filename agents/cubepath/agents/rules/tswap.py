@@ -11,37 +11,47 @@ another know the same facts, as of the start of the round:
 1. *Move*: a wanted vertex that is empty is claimed.
 2. *Exchange*: if it holds a vehicle that rests at its goal, the two exchange goals. All vehicles
    that want that vertex are its neighbours, hear one another, and agree: the highest goal number
-   wins.
+   wins. A blocked vehicle may also *grant* one behind it, by its note, that they exchange goals if
+   that lowers the sum of squares of their distances; who has granted does nothing else meanwhile.
 3. *Rotate*: if wants close a cycle of vehicles away from their goals, each takes the goal of the
-   one behind it, all in one round. In cycles of at most five, all hear all and rotate at once.
-   In longer ones, a blocked vehicle says a probe (a goal, hops): its own goal, or the probe of the
-   vehicle ahead if that goal is higher. It passes on no probe that set out before it was itself
-   blocked as it is now. A vehicle that hears its own goal after k hops is in a cycle of k, and
-   sends a countdown from k forwards around the cycle; a vehicle that hears a 1 from behind takes
-   the goal from there.
+   one behind it, all in one round. In cycles of at most five, all hear all and rotate at once,
+   if none has granted. In longer ones, a blocked vehicle says a probe (a vehicle's number, hops):
+   its own, or the probe of the vehicle ahead if that number is higher. It passes on no probe that
+   set out before it was itself blocked as it is now. A vehicle that hears its own number after k
+   hops is in a cycle of k, and sends a countdown from k forwards around the cycle; a vehicle that
+   hears a 1 from behind takes the goal from there. One that has passed on a probe, or a countdown,
+   is *held*: it keeps its want. The others turn to an empty vertex, or to one whose vehicle would
+   come nearer by an exchange. A vehicle behind which fewer than five wait in a row may be at the
+   end of a tail; it passes on no probe, and is not held.
 
-Goals are never lost or duplicated: exchanges and cycles are disjoint, since a vehicle wants one
-vertex, and a vehicle that exchanges wants or is a resting vehicle; both sides of each act on the
-same notes.
+Goals are never lost or duplicated, since exchanges and rotations are disjoint, and both sides of
+each act on the same notes. A vehicle wants one vertex, and one that exchanges wants or is a resting
+vehicle. A granted exchange is made only if the vehicle behind wants the other and has granted
+nothing, neither has moved, the other wants no resting vehicle, and neither counts down; a short
+cycle through both contains the grant.
 
 The rule reaches the goal. Let F be the sum of squares of the distances to the goals. A move lowers
-one distance d by one; an exchange turns d >= 2 and 0 into d - 1 and 1; a rotation lowers every
-distance in it by one: each lowers F. And something happens while a vehicle is not at its goal: if
-no wanted vertex is empty (of several claims, the highest ranked is granted) and no resting vehicle
-is wanted, following wants from vehicle to vehicle leads into a blocked cycle. No vehicle in it can
-move or exchange, and probes find it:
+one distance d by one; an exchange with a resting vehicle turns d >= 2 and 0 into d - 1 and 1; a
+rotation lowers every distance in it by one; other exchanges lower F by their condition. So these
+are finite in number. After the last, goals and places stand, and then the wants: of the pairs that
+would come nearer by an exchange, not held, that of the smallest vertices is chosen by both. Suppose
+a vehicle is not at its goal. No wanted vertex is empty (of several claims, the highest ranked is
+granted) and no resting vehicle is wanted, so following wants leads into a blocked cycle. Grants are
+drawn at random, so a short cycle rotates with probability one; in a longer one probes find it:
 
-- *Sound.* Suppose v hears its own goal after k hops, and has been blocked as it is for k rounds.
+- *Sound.* Suppose v hears its own number after k hops, and has been blocked as it is for k rounds.
   Each vehicle that passed the probe on was blocked by the one before, and stays so as long as that
-  one stands and is not at its goal; v did, so by induction along the hops all wants still hold.
-- *Complete.* Probes flow against the wants, so none come in from tails. Probes older than the cycle
-  end at the vehicle that closed it, after k hops at the latest; then all vehicles pass on the
-  highest goal in the cycle, and only that one returns. So a cycle rotates within 3k rounds.
+  one stands and is not at its goal, for exchanges keep its want. It stays held: a vehicle that
+  learns that fewer than five wait behind it learns it after those behind it, which have let go of
+  the probe before. So by induction along the hops all wants still hold.
+- *Complete.* In a cycle each has ever more behind it. Probes flow against the wants, so none come
+  in from tails. Probes older than the cycle end at the vehicle that closed it, after k hops at the
+  latest; then all vehicles pass on the highest number in the cycle, and only that one returns. So
+  a cycle that none leaves rotates within 3k rounds.
 
-A vehicle that has passed on no probe may change its want to an empty vertex. Hesitation and lost
-claims only cost time, since wants and goals do not depend on them. Distances are those of the
-static map; a vehicle without a way to its goal at birth gives up in one line, since it cannot know
-which goals in its part of the map are held by vehicles elsewhere.
+Hesitation and lost claims only cost time, since wants and goals do not depend on them. Distances
+are those of the static map; a vehicle without a way to its goal at birth gives up in one line,
+since it cannot know which goals in its part of the map are held by vehicles elsewhere.
 
 *Without rounds.* Here goals are registers at places: a vehicle that is started again takes up what
 is in its register, and a goal goes from one register to another in one commit, so no goal is ever
@@ -278,6 +288,12 @@ class ExchangeNote(NamedTuple):
     probe: int
     hops: int
     countdown: int
+    held: int
+    """Whether it keeps its want: it has passed on a probe, or a countdown."""
+    height: int
+    """How many vehicles wait one behind another for this one, up to `SEEN_WHOLE`."""
+    grant: int
+    """Where a vehicle stands that may slide its goal to this one."""
 
     def want(self, place: int) -> int:
         """Return what it wants from `place`, where it now stands; at rest the place itself."""
@@ -290,13 +306,16 @@ class _Vehicle:
             raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
         self._graph = graph
         self._roads = roads_of(graph)
+        self._knowledge = knowledge
         self._goal = graph.index[knowledge.goals[0]]
         self._place = graph.index[knowledge.start]
+        self._said = ExchangeNote(self._goal, NOBODY, NOBODY, NOBODY, 0, 0, 0, 0, NOBODY)
         self._want = self._next(self._place, ())
         self._second = self._want
         self._blocked = NOBODY  # earlier rounds blocked by the same vehicle
         self._passed_on = False  # a probe, since it was blocked
         self._countdown = 0
+        self._height = 0
         self._failed: str | None = None
         if self._roads.distances(self._goal)[self._place] < 0:
             self._failed = f"no way from {knowledge.start!r} to the goal {knowledge.goals[0]!r}"
@@ -313,8 +332,8 @@ class _Vehicle:
         self._arrive(index[view.place])
         probe = (NOBODY, 0)
         goal = self._new_goal(heard)
-        if goal is not None:
-            self._goal = goal
+        self._goal = self._exchanged(heard) if goal is None else goal
+        if goal is not None or self._want not in self._roads.nearer(self._place, self._goal):
             self._turn_to(self._next(self._place, taken))
         elif self._want in heard and heard[self._want].goal != self._want:
             probe = self._wait(heard, taken)
@@ -347,41 +366,114 @@ class _Vehicle:
         for said in behind.values():
             if said.countdown == 1:
                 return said.goal
-        at = want
+        return None if self._said.grant != NOBODY else self._round_goal(behind, heard)
+
+    def _round_goal(
+        self, behind: Mapping[int, ExchangeNote], heard: Mapping[int, ExchangeNote]
+    ) -> int | None:
+        """Return the goal behind this vehicle in a short blocked cycle, in which nobody grants."""
+        at = self._want
         for _ in range(SEEN_WHOLE - 1):
+            if at not in heard or heard[at].grant != NOBODY:
+                break
             if at in behind:
                 return behind[at].goal
-            if at not in heard:
-                break
             at = heard[at].want(at)
         return None
+
+    def _exchanged(self, heard: Mapping[int, ExchangeNote]) -> int:
+        """Return the goal after the exchange that this vehicle granted, or that it was granted."""
+        here, grant = self._place, self._said.grant
+        back, front = (here, self._want) if grant == NOBODY else (grant, here)
+        notes = {**heard, here: self._said}
+        if front not in notes or notes[front].grant != back or not self._gains(back, front, notes):
+            return self._goal
+        return notes[front if back == here else back].goal
+
+    def _gains(self, behind: int, at: int, notes: Mapping[int, ExchangeNote]) -> bool:
+        """Return whether the vehicles there may exchange goals, and whether that lowers F."""
+        if behind not in notes:
+            return False
+        back, front = notes[behind], notes[at]
+        want = front.first
+        rests = want in notes and notes[want].goal == want
+        busy = back.grant != NOBODY or back.countdown or front.countdown
+        if back.first != at or want == at or rests or busy:
+            return False
+        far, near = self._roads.distances(back.goal), self._roads.distances(front.goal)
+        if (front.held and far[want] >= far[at]) or (back.held and near[at] >= near[behind]):
+            return False
+        return far[at] ** 2 + near[behind] ** 2 < far[behind] ** 2 + near[at] ** 2
+
+    def _grant(self, heard: Mapping[int, ExchangeNote], mine: ExchangeNote) -> int:
+        """Return where the vehicle stands behind this one with which it may exchange goals."""
+        here, notes = self._place, {**heard, self._place: mine}
+        behind = {at: said for at, said in heard.items() if said.want(at) == here}
+        short_cycle = self._round_goal(behind, heard) is not None
+        if self._blocked < 1 or short_cycle or self._knowledge.random.random() < 0.5:
+            return NOBODY
+        may = [at for at in behind if self._gains(at, here, notes)]
+        distances = self._roads.distances
+        return max(may, key=lambda at: (distances(behind[at].goal)[at], at), default=NOBODY)
 
     def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
         """Wait behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
+        behind = [said.height for at, said in heard.items() if said.want(at) == self._place]
+        self._height = min(SEEN_WHOLE, 1 + max(behind, default=-1))
         self._countdown = max(self._countdown - 1, 0)
         for at, said in heard.items():
             if said.countdown > 1 and said.want(at) == self._place:
                 self._countdown = said.countdown - 1
         ahead = heard[self._want]
-        goal, hops = ahead.probe, ahead.hops + 1
-        probe = (self._goal, 0)
-        if goal >= self._goal and hops <= self._blocked:
-            if goal > self._goal:
-                probe = (goal, hops)
+        number, hops = ahead.probe, ahead.hops + 1
+        probe = (self._knowledge.module, 0)
+        if self._height < SEEN_WHOLE:
+            self._passed_on = False
+        elif number >= self._knowledge.module and hops <= self._blocked:
+            if number > self._knowledge.module:
+                probe = (number, hops)
                 self._passed_on = True
             elif not self._countdown:
                 self._countdown = hops
         if not self._passed_on and not self._countdown:
             want = self._next(self._place, taken)
-            if want not in taken:
+            if want in taken:
+                want = self._opposed(heard)
+            if want != self._want:
                 self._turn_to(want)
                 return (NOBODY, 0)
         return probe
 
+    def _opposed(self, heard: Mapping[int, ExchangeNote]) -> int:
+        """Return where a vehicle stands that can come nearer by an exchange with this one.
+
+        Of several such pairs, that of the smallest vertices comes first, so both choose it.
+        """
+        here = self._place
+        pairs = [
+            (min(here, way), max(here, way), way)
+            for way in self._roads.nearer(here, self._goal)
+            if (said := heard.get(way)) is not None
+            and not said.held
+            and here in self._roads.nearer(way, said.goal)
+        ]
+        return min(pairs)[2] if pairs else self._want
+
     def _say(self, view: View, heard: Mapping[int, ExchangeNote], probe: tuple[int, int]) -> Choice:
         self._second = self._next(self._want, heard)
-        note = ExchangeNote(self._goal, self._want, self._second, *probe, self._countdown)
+        held = int(self._passed_on or self._countdown > 0)
+        note = ExchangeNote(
+            self._goal,
+            self._want,
+            self._second,
+            *probe,
+            self._countdown,
+            held,
+            self._height,
+            NOBODY,
+        )
+        note = self._said = note._replace(grant=self._grant(heard, note))
         target = self._graph.vertices[self._want]
         action = next((action for action, move in view.legal() if move.target == target), STAY)
         return Choice(action, tuple(note), self._failed)
