@@ -54,6 +54,7 @@ SPECS = (
     "words:presentation=raag",
     "assembly:n=3",
     "assembly:kind=wall,n=4",
+    "compression:n=2",
 )
 
 
