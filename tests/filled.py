@@ -75,7 +75,9 @@ _VALUES: dict[type[inspect.Type], Callable[[_Filler, Any], list[Any]]] = {
     inspect.NoneType: lambda _, __: [],
     inspect.BoolType: lambda _, __: [True],
     inspect.IntType: lambda filler, _: [filler.number()],
-    inspect.FloatType: lambda filler, _: [filler.number() + 0.5],
+    inspect.FloatType: lambda filler, kind: [
+        filler.number() + 0.5 if kind.le is None else kind.le / (filler.number() + 0.5)
+    ],
     inspect.StrType: lambda filler, _: [filler.text()],
     inspect.LiteralType: lambda _, kind: [kind.values[-1]],
     inspect.AnyType: lambda filler, _: [[filler.number(), filler.text()]],

@@ -367,7 +367,7 @@ def priced(rows: Iterable[Row]) -> list[Row]:
     >>> [(each["timing"], each["class"], each["best"]) for each in priced([row])]
     [(1.5, 1.0, 9)]
     """
-    several = [row | {"scene": scene_of(row)} for row in rows]
+    several: list[Row] = [row | {"scene": scene_of(row)} for row in rows]
     reached = [row for row in several if row["goal"] and row["cubes"]]
     best = best_by_scene(several)
     fewest = {
