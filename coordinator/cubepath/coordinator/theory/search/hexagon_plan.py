@@ -26,13 +26,19 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, Cell, GeneratorPlacement, Move
+from cubepath.protocol.core.catalogue import (
+    HEX_DIRECTIONS,
+    HEXAGONS,
+    Catalogue,
+    Cell,
+    GeneratorPlacement,
+    Move,
+)
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.scenes.families.hexagons import monkey_catalogue
-from cubepath.protocol.systems.lattice import LatticeSystem
 
 _SHAPES = 1_000
 """The search for a module that comes free looks at this many shapes."""
@@ -50,7 +56,7 @@ def hexagon_plan(scene: Scene) -> list[PathMove]:
     >>> plan = hexagon_plan(scene)
     >>> write_moves("plan.jsonl", plan)
     """
-    system, start, goal = _task(scene)
+    system, (start, goal) = scene.system, _task(scene)
     # A chain that rises from the start is above one that falls from the goal, or else mirrored.
     way = 1 if max(r for _, r in start) >= min(r for _, r in goal) else -1
     there, rising = _gathered(system, start, way)
@@ -63,26 +69,40 @@ def hexagon_plan(scene: Scene) -> list[PathMove]:
     ]
 
 
-def _task(scene: Scene) -> tuple[LatticeSystem, Shape, Shape]:
-    """Return the system with connected states, the start and the goal; InputError as above."""
-    known, found = monkey_catalogue(), scene.system.catalogue
-    if found is None or found.lattice != HEXAGONS or _actions(found) != _actions(known):
+def _task(scene: Scene) -> tuple[Shape, Shape]:
+    """Return the start and the goal; InputError as above."""
+    found = scene.system.catalogue
+    if (
+        found is None
+        or found.lattice != HEXAGONS
+        or _actions(found) != _actions(monkey_catalogue())
+    ):
         raise InputError(f"{scene.spec}: expected hexagons with monkey moves (catalogue=3)")
     if scene.system.filled or scene.system.empty or not scene.goal:
         raise InputError(f"{scene.spec}: expected a goal, and no obstacles")
-    system = LatticeSystem(known, workspace=scene.system.workspace, connected=True)
     start, goal = (frozenset(map(HEXAGONS.check, sites)) for sites in (scene.start, scene.goal))
     for name, shape in (("start", start), ("goal", goal)):
-        if not system.legal(shape):
+        if not _connected(shape):
             raise InputError(f"{scene.spec}: the {name} is not connected")
-    return system, start, goal
+    return start, goal
+
+
+def _connected(shape: Shape) -> bool:
+    rest = set(shape)
+    todo = [rest.pop()]
+    while todo:
+        q, r = todo.pop()
+        near = rest & {(q + along, r + up) for along, up in HEX_DIRECTIONS}
+        rest -= near
+        todo += near
+    return not rest
 
 
 def _actions(catalogue: Catalogue) -> set[Action]:
     return {move.action for move in catalogue.proposals((0, 0))}
 
 
-def _gathered(system: LatticeSystem, shape: Shape, way: int) -> tuple[list[Move], list[Cell]]:
+def _gathered(system: System, shape: Shape, way: int) -> tuple[list[Move], list[Cell]]:
     """Return moves that make the shape a chain, and the chain, which rises if `way` is 1."""
     order = sorted(shape, key=lambda cell: (way * cell[1], way * cell[0]))
     chain, moves = order[-1:], list[Move]()
@@ -96,7 +116,7 @@ def _gathered(system: LatticeSystem, shape: Shape, way: int) -> tuple[list[Move]
     return moves, chain
 
 
-def _freed(system: LatticeSystem, shape: Shape, chain: Sequence[Cell], end: Cell) -> list[Move]:
+def _freed(system: System, shape: Shape, chain: Sequence[Cell], end: Cell) -> list[Move]:
     """Return moves of modules outside the chain, the last of which brings one to the end cell."""
     _check_room(system, end)
     todo, seen = deque[tuple[Shape, list[Move]]]([(shape, [])]), {shape}
@@ -105,7 +125,7 @@ def _freed(system: LatticeSystem, shape: Shape, chain: Sequence[Cell], end: Cell
         # The module that is farthest from the chain comes first: it is at a corner.
         for cell in sorted(now.difference(chain), key=lambda cell: abs(cell[1] - end[1]))[::-1]:
             others = now - {cell}
-            if not system.legal(others):
+            if not _connected(others):
                 continue
             found = _walks(system, others, cell)
             if end in found:
@@ -118,12 +138,13 @@ def _freed(system: LatticeSystem, shape: Shape, chain: Sequence[Cell], end: Cell
     raise CheckError(f"no module came free for {end} in {len(seen)} shapes, expected one")
 
 
-def _check_room(system: LatticeSystem, cell: Cell) -> None:
-    if not system.has_place(cell):
+def _check_room(system: System, cell: Cell) -> None:
+    """Raise InputError if modules cannot walk around a cell: they need two cells on each side."""
+    if not all(system.has_place((cell[0] + q, cell[1] + r)) for q in (-2, 2) for r in (-2, 2)):
         raise InputError(f"no room for a chain at {cell}, expected a wider box")
 
 
-def _walks(system: LatticeSystem, others: Shape, start: Cell) -> dict[Cell, Move | None]:
+def _walks(system: System, others: Shape, start: Cell) -> dict[Cell, Move | None]:
     """Return the cells to which a module can go along the others, and the last move to each."""
     found: dict[Cell, Move | None] = {start: None}
     todo = deque([start])
@@ -161,7 +182,7 @@ def _between(first: Cell, last: Cell, way: int) -> list[Cell]:
     return found
 
 
-def _passed(system: LatticeSystem, line: Sequence[Cell], count: int) -> list[Move]:
+def _passed(system: System, line: Sequence[Cell], count: int) -> list[Move]:
     """Return moves by which a chain of modules passes along a line from one end to the other."""
     moves: list[Move] = []
     for place, end in enumerate(line[count:]):
