@@ -443,12 +443,8 @@ class _Vehicle(_OnRoads):
 
     def _heard_pull(self, heard: Mapping[int, PushNote]) -> PushNote | None:
         """Return the strongest pull that this vehicle must follow, or has just followed, if any."""
-        pulls = [
-            said
-            for said in heard.values()
-            if self._place in (said.pulled, said.left) and said.key < self._key
-        ]
-        return min(pulls, default=None)
+        heeded = [said for said in heard.values() if self._place in (said.pulled, said.left)]
+        return min((said for said in heeded if said.key < self._key), default=None)
 
     def _follow(self, pull: PushNote, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
         """Enter the vertex that the puller has left; who stands there waits for the next order."""
@@ -463,13 +459,8 @@ class _Vehicle(_OnRoads):
     ) -> bool:
         """Return whether the vehicle with that goal, which this one pulls, may still follow."""
         other = heard.get(pull.pulled)
-        return (
-            self._place == pull.want
-            and pull.left not in taken
-            and other is not None
-            and other.goal == goal
-            and other.key >= pull.key
-        )
+        comes = other is not None and other.goal == goal and other.key >= pull.key
+        return comes and self._place == pull.want and pull.left not in taken
 
     def _give_way(self, push: PushNote, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
         further = self._below(push, self._place)
@@ -493,17 +484,13 @@ class _Vehicle(_OnRoads):
 
         `weakest` is the greatest key of a neighbour that counts.
         """
-        here = self._place
-        strong = [
-            (at, heard[at].goal)
-            for at in self._roads.near[here]
-            if at in heard and heard[at].key <= weakest
-        ]
+        here, swap = self._place, self._roads.swap
+        strong = [at for at in self._roads.near[here] if at in heard and heard[at].key <= weakest]
         return {
             way
             for way in ways
-            for at, goal in strong
-            if way != at and self._roads.swap((here, goal), (way, self._goal), self._shut)
+            for at in strong
+            if way != at and swap((here, heard[at].goal), (way, self._goal), self._shut)
         }
 
     def _go(self, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
@@ -556,16 +543,13 @@ class _Vehicle(_OnRoads):
         self, ways: Iterable[int], heard: Mapping[int, PushNote], taken: set[int]
     ) -> PushNote | None:
         """Return the note of a vehicle that goes back and pulls the one in its way, if it must."""
-        here = self._place
-        for way in ways:
+        me = self._place, self._goal
+        for way in ways if self._retreats < MOST_RETREATS else ():
             other = heard.get(way)
-            if (
-                other is not None
-                and other.key >= self._key
-                and self._retreats < MOST_RETREATS
-                and self._roads.swap((here, self._goal), (way, other.goal), self._shut)
-            ):
-                pull = self._own._replace(pulled=way, left=here)
+            if other is None or other.key < self._key:
+                continue
+            if self._roads.swap(me, (way, other.goal), self._shut):
+                pull = self._own._replace(pulled=way, left=self._place)
                 return self._go_back(pull, other.goal, heard, taken)
         return None
 
