@@ -232,7 +232,7 @@ def test_on_the_wire_rounds_are_the_same() -> None:
 @pytest.mark.timeout(3600)
 @pytest.mark.nightly
 def test_on_the_wire_the_distribution_is_the_same() -> None:
-    """Of a run of two processes: one of 60,000 rounds is 0.012 away on average, 0.02 at most."""
+    """Of 32 runs of 60,000 rounds in arrays, the mean is 0.012 and the farthest 0.021."""
     rounds = wire_sites(60_000, seed=2)
     found = distance([[at_origin(rounds[number].values()) for number in sorted(rounds)]], DUE)
     print(found)
