@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -29,7 +30,7 @@ def run(spec: str, *, seed: int, hesitate: float = 0.0, max_rounds: int = 3000) 
     return play(scene, LEADER, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
 
 
-def squares(start: list[Cell], goal: list[Cell]) -> Scene:
+def squares(start: Sequence[Cell], goal: Sequence[Cell]) -> Scene:
     """Return a scene of squares in a box of 12 by 12 cells."""
     system = LatticeSystem(
         sliding_catalogue(len(start) - 1),
