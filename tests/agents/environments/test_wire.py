@@ -169,6 +169,18 @@ def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> 
         assert path_of(played)
 
 
+@pytest.mark.slow
+def test_orders_of_a_leader_take_the_same_path_in_two_processes() -> None:
+    """Notes lead to the same moves on the wire, in the same rounds, also when modules hesitate."""
+    scene = scene_from_spec("sliding-shapes:n=6,walk=60")
+    played = play(scene, rule_named("leader", scene.system), seed=3, hesitate=0.4, max_rounds=150)
+    reports = reports_of(
+        scene, "leader", seed=3, hesitate=0.4, processes=2, rounds=len(played.rounds)
+    )
+    assert played.reached
+    assert wire_path(reports) == path_of(played)
+
+
 @pytest.fixture(
     scope="module",
     params=[
