@@ -56,6 +56,7 @@ from cubepath.coordinator.theory.proof_checking.optimality import (
 )
 from cubepath.coordinator.theory.search.anytime import improve as improve
 from cubepath.coordinator.theory.search.exact import optimum as optimum
+from cubepath.coordinator.theory.search.hexagon_plan import hexagon_plan as hexagon_plan
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
 from cubepath.coordinator.theory.search.transitions import only_class as only_class
 from cubepath.coordinator.tools.comparison.comparing import diff as diff

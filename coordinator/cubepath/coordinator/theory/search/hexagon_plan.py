@@ -123,7 +123,9 @@ def _freed(system: System, shape: Shape, chain: Sequence[Cell], end: Cell) -> li
     while todo and len(seen) < _SHAPES:
         now, made = todo.popleft()
         # The module that is farthest from the chain comes first: it is at a corner.
-        for cell in sorted(now.difference(chain), key=lambda cell: abs(cell[1] - end[1]))[::-1]:
+        for cell in sorted(now.difference(chain), key=lambda cell: (abs(cell[1] - end[1]), cell))[
+            ::-1
+        ]:
             others = now - {cell}
             if not _connected(others):
                 continue
