@@ -56,7 +56,7 @@ class Divergence:
 
     >>> found = replay_live("logs/golden/agv-6.mcap", [0], rule="random", processes=0).divergence
     >>> found.round, found.module, found.kind, found.recorded
-    (2, 0, 'note', 'notes of 5 numbers')
+    (2, 0, 'note', 'notes of 9 numbers')
     """
 
     round: int
@@ -142,9 +142,9 @@ def replay_live(
 
     >>> found = replay_live("logs/golden/agv-6.mcap", [0, 1], processes=0)
     >>> found.same, found.rounds
-    (True, 20)
+    (True, 27)
     >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
-    round 2, module_2: notes of 6 numbers; on record no notes
+    round 2, module_2: notes of 9 numbers; on record no notes
     it stood at 2; sensed module_1 at 1
 
     Args: recording: of a run with rounds by one rule; of one that was cut off, its whole rounds.

@@ -152,7 +152,7 @@ class Recording:
 
         >>> claims = read_recording("logs/golden/agv-6.mcap").claims()
         >>> len(claims["outcome"]), int((claims["outcome"] == "lost").sum())
-        (40, 4)
+        (62, 6)
 
         - ``round``, int64: the round; of a run without rounds the log time of the attempt;
         - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the

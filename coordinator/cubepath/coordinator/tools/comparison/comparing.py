@@ -191,7 +191,7 @@ def diff(
 
     >>> found = diff("logs/golden/agv-6.mcap", "logs/golden/agv-6.mcap")
     >>> found.same, found.message, found.paths.moves
-    (True, None, (36, 36))
+    (True, None, (56, 56))
 
     Args:
         a: a recording or its file, or any file of moves that `shorten` takes.
