@@ -44,7 +44,7 @@ from itertools import pairwise
 
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.orders import MOST_ORDERS, Batch, DueMove, Orders, moved, note_length
-from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleType
 from cubepath.agents.rules.two_sided_search import TwoSidedSearch
 from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Move
@@ -205,10 +205,6 @@ def _action(view: View, due: DueMove | None) -> int:
     return due.action
 
 
-def _make_free(knowledge: InitialKnowledge) -> Rule:
-    return _Module(knowledge).choose_free
-
-
 def _fits(system: System) -> bool:
     catalogue = system.catalogue
     return system.local and catalogue is not None and catalogue.lattice in (SQUARES, HEXAGONS)
@@ -223,7 +219,7 @@ LEADER = RuleType(
     note_length=note_length,
     free=FreeRule(
         why="what modules know only grows, and a move is made once all that it waits for is done",
-        make=_make_free,
+        make=lambda knowledge: _Module(knowledge).choose_free,
         note_length=note_length,
     ),
 )
