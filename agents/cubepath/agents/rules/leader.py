@@ -12,37 +12,34 @@ differ by a translation count as one. So the leader here searches, and its memor
 module moves before the first order, so what it says stays true.
 *Searching.* Module 0 is the leader. Once it knows all places, it looks for a path of single moves
 to the goal by `TwoSidedSearch`, `EXPANDED` states a round, guided by `shape_estimate`.
-*Ordering.* It says the next `MOST_ORDERS` moves of the path as a batch of `Orders`, which others
-repeat. A module makes its move as soon as it knows that all earlier moves of the batch which do
-not commute with it are done, and says then that it is done. When the leader has heard that all
-are, it says the next batch. What is sensed is only used to see whether a move is legal.
+*Ordering.* It says the next moves of the path as a batch of `Orders`, which others repeat. A module
+makes its move once it knows that all earlier moves of the batch which do not commute with it are
+done, and says then that it is done. When the leader has heard that all are, it says the next batch.
 
-Notes have 34 numbers and two for each module. A module remembers one note; the leader also the
-states that it has met, and the path.
+It senses only whether a move is legal. Notes have 34 numbers and two for each module. A module
+remembers one note; the leader also the states that it has met, and the path.
 
 Guarantee. If the modules stay connected by reach, as those of catalogues that keep the topology do,
-and finitely many states can be reached, as in a box, then the leader finds a path if there is one,
-unless that takes it more than `PATIENCE` rounds; and the modules follow it to the goal, under
-hesitation and lost claims. To see the latter: moves that are due at the same time commute, and so
-do a move that is due and all that are made before it is, except those that it waited for. So a move
-stays legal from when it is due until it is made, its mover then stands at the target and never did
-so while it was due, no claim is lost, and each round without hesitation makes a move or takes news
-one hop further. Where news crosses the shape in D hops, L moves take at most (1 + D) L rounds, D
-for each batch, and those of the search, without hesitation. The path need not be the shortest.
+and finitely many states can be reached, as in a box, then the leader finds a path if there is one
+and `PATIENCE` suffices, and the modules follow it, under hesitation and lost claims. For while a
+move is due, all that are made commute with it. So it stays legal until it is made, its mover stands
+at the target only then, no claim is lost, and in a round without hesitation a move is made or news
+goes one hop further: where D hops cross the shape, L moves take at most (1 + D) L rounds, D for
+each batch, and those of the search. The path need not be the shortest.
 
 Failure. The leader gives up when one side of the search has met all it can, so there is no path,
-or after `PATIENCE` rounds in which it heard nothing new. In open hexagonal space, where shapes can
-walk away, only the latter ends the search for what cannot be reached.
+or after `PATIENCE` rounds in which it heard nothing new. In open hexagonal space only the latter
+may end the search.
 
 *Without rounds* a note is a register. A module writes first what it has heard, and makes a move in
-one commit with the note that it is done. What registers say is never untrue later, so late views
-only delay, and a module that is started again finds all it needs in its register; a leader repeats
-its search. There the leader only gives up while it searches, since others may be slow.
+one commit with the note that it is done. Registers stay true, so late views only delay; a module
+that is started again finds all it needs there, and a leader repeats its search. There it only gives
+up while it searches, since others may be slow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 
 from cubepath.agents.local.observation import STAY, View
@@ -54,10 +51,10 @@ from cubepath.agents.rules.orders import (
     moved,
     note_length,
 )
-from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleType
 from cubepath.agents.rules.two_sided_search import TwoSidedSearch
 from cubepath.protocol.core.actions import State, apply
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
@@ -98,10 +95,7 @@ def shape_estimate(goal: State) -> Callable[[State], int]:
 
 
 class _Leader:
-    """Searches for the way to the goal, and orders it batch by batch.
-
-    States hold the obstacles that are on, too.
-    """
+    """Searches for the way to the goal; its states hold the obstacles that are on, too."""
 
     def __init__(self, knowledge: InitialKnowledge) -> None:
         self._system = knowledge.system
@@ -113,9 +107,8 @@ class _Leader:
         """Return the orders after those that are complete; None if there is no way, or too far."""
         state = frozenset(batch.cells) | self._system.filled
         if self._search is None:
-            self._search = TwoSidedSearch(
-                state, self._goal, near=self._near, estimate=shape_estimate
-            )
+            ends = state, self._goal
+            self._search = TwoSidedSearch(*ends, near=self._near, estimate=shape_estimate)
         self._thoughts += self._search.path is None
         if not self._search.expand(EXPANDED):
             return orders if self._thoughts < PATIENCE else None
@@ -125,42 +118,29 @@ class _Leader:
         here = path.index(state)
         cells, moves = batch.cells, list[tuple[int, int]]()
         for state, following in pairwise(path[here : here + MOST_ORDERS + 1]):
-            action, move = self._step(state, following)
+            action, move = self._near(state)[following]
             moves.append(([cell == move.source for cell in cells].index(True), action))
             cells = moved(cells, move)
         return Orders(orders.number + 1, 0, tuple(moves), tuple(batch.cells)) if moves else orders
 
-    def _near(self, state: State) -> Iterator[frozenset[Site]]:
-        return (apply(move.action, state) for _, move in self._moves(state))
-
-    def _step(self, state: State, following: State) -> tuple[int, Move]:
-        return next(
-            (action, move)
-            for action, move in self._moves(state)
-            if apply(move.action, state) == following
-        )
-
-    def _moves(self, state: State) -> Iterator[tuple[int, Move]]:
-        for cell in in_order(state - self._system.filled):
-            for action, move in enumerate(self._system.moves(cell), 1):
-                if move is not None and move.possible(state):
-                    yield action, move
+    def _near(self, state: State) -> dict[frozenset[Site], tuple[int, Move]]:
+        """Return the states one move away, with the mover's action and the move."""
+        return {
+            apply(move.action, state): (action, move)
+            for cell in in_order(state - self._system.filled)
+            for action, move in enumerate(self._system.moves(cell), 1)
+            if move is not None and move.possible(state)
+        }
 
 
 class _Module:
     """Repeats what it hears, and makes its moves when they are due."""
 
     def __init__(self, knowledge: InitialKnowledge) -> None:
-        count = knowledge.modules
-        if len(knowledge.goals) != count:
-            raise InputError(
-                f"rule 'leader' needs a goal of {count} cells that every module knows, found"
-                f" {len(knowledge.goals)}"
-            )
-        catalogue = knowledge.system.catalogue
-        if catalogue is None:
-            raise InputError("rule 'leader' is for cells of a lattice")
-        self._lattice = catalogue.lattice
+        count, goals = knowledge.modules, len(knowledge.goals)
+        if goals != count:
+            needs = f"a goal of {count} cells that every module knows"
+            raise InputError(f"rule 'leader' needs {needs}, found {goals}")
         self._knowledge = knowledge
         self._leader = _Leader(knowledge) if knowledge.module == LEADER_MODULE else None
         self._known = Orders.unknown(count)
@@ -183,13 +163,12 @@ class _Module:
 
     def choose_free(self, view: View) -> Choice:
         """Choose at any time: first write what is known, then make a move and write that."""
-        before = Orders.unknown(self._knowledge.modules)
-        if view.register is not None:
-            before = Orders.of(view.register)
+        said = view.register
+        before = Orders.of(said) if said else Orders.unknown(self._knowledge.modules)
         orders = self._led(self._heard(before, view), before)
         if orders is None:
             return self._given_up()
-        if view.register is None or orders != before:
+        if said is None or orders != before:
             return Choice(note=orders.note())
         due = self._due(orders)
         action = _action(view, due)
@@ -203,7 +182,7 @@ class _Module:
     def _heard(self, orders: Orders, view: View) -> Orders:
         """Return what is known with what others say and, before the first order, the own place."""
         if orders.number == 0:
-            orders = orders.standing(self._knowledge.module, self._lattice.check(view.site))
+            orders = orders.standing(self._knowledge.module, SQUARES.check(view.site))
         for note in view.notes.values():
             orders = orders.merged(Orders.of(note))
         return orders
@@ -217,9 +196,8 @@ class _Module:
         return following
 
     def _due(self, orders: Orders) -> DueMove | None:
-        if not orders.moves:
-            return None
-        return self._batch_of(orders).due(self._knowledge.module, orders.done)
+        module = self._knowledge.module
+        return self._batch_of(orders).due(module, orders.done) if orders.moves else None
 
     def _batch_of(self, orders: Orders) -> OrderBatch:
         if self._batch is None or self._batch[0] != orders.number:
@@ -234,17 +212,9 @@ def _action(view: View, due: DueMove | None) -> int:
     return due.action
 
 
-def _make_free(knowledge: InitialKnowledge) -> Rule:
-    return _Module(knowledge).choose_free
-
-
 def _fits(system: System) -> bool:
     catalogue = system.catalogue
-    return (
-        system.local
-        and catalogue is not None
-        and catalogue.lattice.arity == catalogue.lattice.dimension
-    )
+    return system.local and catalogue is not None and catalogue.lattice in (SQUARES, HEXAGONS)
 
 
 LEADER = RuleType(
@@ -256,7 +226,7 @@ LEADER = RuleType(
     note_length=note_length,
     free=FreeRule(
         why="what modules know only grows, and a move is made once all that it waits for is done",
-        make=_make_free,
+        make=lambda knowledge: _Module(knowledge).choose_free,
         note_length=note_length,
     ),
 )

@@ -5,9 +5,8 @@ done comes back. Whatever a module knows only grows: a later batch replaces an e
 two notes about the same batch a module keeps all that either says. So notes may be late, come twice
 or skip rounds, and the order in which they come does not matter.
 
-A batch is carried out in parallel: a move may be made as soon as the earlier moves of the batch
-that do not commute with it are done. Two moves that may be made at the same time commute, so none
-is in the way of another, and any order of the moves that commute leads to the same state.
+A batch is carried out in parallel: a move is due once the earlier moves of the batch that do not
+commute with it are done. Moves that are due at the same time commute, so none is in the way.
 """
 
 from __future__ import annotations
@@ -106,10 +105,7 @@ class DueMove(NamedTuple):
 
 
 class OrderBatch:
-    """The moves of a batch of orders, and which of them wait for which."""
-
-    cells: list[Cell]
-    """Where the modules stand after all of them."""
+    """The moves of a batch, which of them wait for which, and the `cells` that they lead to."""
 
     def __init__(self, system: System, orders: Orders) -> None:
         """Follow the moves one by one; the places of all modules are known."""
@@ -121,10 +117,8 @@ class OrderBatch:
             move = system.moves(self.cells[mover])[action - 1]
             if move is None:
                 raise AssertionError(f"an order of no move: {mover}, {action}")
-            earlier = enumerate(self._moves)
-            self._waits.append(
-                sum(1 << index for index, one in earlier if not commute(one.action, move.action))
-            )
+            waits = [not commute(earlier.action, move.action) for earlier in self._moves]
+            self._waits.append(sum(waiting << index for index, waiting in enumerate(waits)))
             self._moves.append(move)
             self.cells = moved(self.cells, move)
 

@@ -1,8 +1,4 @@
-"""A best-first search from both ends at once, in portions.
-
-Source: Doran and Michie, Experiments with the graph traverser program (1966), and Pohl,
-Bi-directional search (1971).
-"""
+"""A best-first search from both ends (Pohl, Bi-directional search, 1971), in portions."""
 
 from __future__ import annotations
 
@@ -39,9 +35,8 @@ class TwoSidedSearch(Generic[S]):
         near: Callable[[S], Iterable[S]],
         estimate: Callable[[S], Callable[[S], int]],
     ) -> None:
-        """Begin at both ends; nothing is expanded yet."""
+        """Begin at both ends; `path` is None until there is one."""
         self.path: list[S] | None = [start] if start == goal else None
-        """The path, once it is found."""
         self._near = near
         self._sides = (_Side(start, estimate(goal)), _Side(goal, estimate(start)))
         self._turn = 0
@@ -55,8 +50,7 @@ class TwoSidedSearch(Generic[S]):
             state = heappop(side.queue)[2]
             for there in self._near(state):
                 if side.met(there, state) and there in other.before:
-                    ways = side.way(there), other.way(there)
-                    one, two = ways if self._turn == 0 else ways[::-1]
+                    one, two = (each.way(there) for each in self._sides)
                     self.path = [*one[::-1], *two[1:]]
                     return True
             self._turn = 1 - self._turn
