@@ -160,6 +160,7 @@ def test_random_triangulations_are_triangulations() -> None:
         ("hex-shapes:density=some", "density=some: expected a decimal number"),
         ("hex-shapes:density=.", "density=.: expected a decimal number"),
         ("hex-shapes:catalogue=4", "catalogue=4: expected 1, 2 or 3"),
+        ("hex-shapes:box=0", "box=0: expected a whole number of at least 1"),
         ("hex-shapes:walk=0", "walk=0: expected a whole number of at least 1"),
         ("hex-shapes:n=1000,how=growth,walk=1001", "walk=1001: .* at most 1000"),
         ("sliding-shapes:k=-1", "k=-1: expected a whole number of at least 0"),

@@ -3,7 +3,8 @@
 `cubepath.protocol.scenes.random_scenes` draws the shapes. Whether the goal can be reached is
 not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave corners
 (of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may never
-meet again.
+meet again. With monkey moves, catalogue 3, any connected shape becomes any other, if the box is
+wide enough: `hexagon_plan` of the coordinator returns the moves.
 """
 
 from __future__ import annotations
