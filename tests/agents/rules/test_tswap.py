@@ -170,7 +170,7 @@ def check_progress(scene: Scene, rounds: int, idle: int) -> Run:
 
 
 def test_a_dense_grid_makes_progress() -> None:
-    """Every round but the first moves vehicles or lowers the sum of squares of the distances."""
+    """Of two rounds one moves vehicles or lowers the sum of squares of the distances."""
     run = check_progress(random_scene("grid8x8", 40, 1), rounds=200, idle=1)
     assert run.reached
 
