@@ -106,18 +106,11 @@ def test_how_many_cubes_the_median_run_of_pibt_takes() -> None:
     assert said in " ".join(PAGE.read_text("utf-8").split())
 
 
-def test_which_runs_of_the_rules_did_not_arrive() -> None:
-    """With 32 labelled vehicles they gave up; on the map their rounds were over."""
-    rows = [row for row in committed("price") if row["rule"] != "random" and not row["goal"]]
-    assert {row["rule"] for row in rows} == {"pibt"}
-    gave_up, late = ([row for row in rows if row["modules"] == modules] for modules in (32, 20))
-    assert len(rows) == len(gave_up) + len(late)
-    assert {row["ended"] for row in gave_up} == {"gave-up"}
-    assert {(row["ended"], row["rounds"]) for row in late} == {("max-rounds", 1000)}
-    rounds = [row["rounds"] for row in gave_up]
-    text = " ".join(PAGE.read_text("utf-8").split())
-    assert f"{len(gave_up)} of 60 runs gave up after {min(rounds)} to {max(rounds)} rounds" in text
-    assert f"on the map {len(late)} of 60 did not arrive in 1000" in text
+def test_all_runs_of_the_rules_arrive() -> None:
+    """Whatever the size and the hesitation; at random many do not."""
+    rows = committed("price")
+    assert all(row["goal"] for row in rows if row["rule"] != "random")
+    assert "All its runs arrive." in " ".join(PAGE.read_text("utf-8").split())
 
 
 def test_prices_multiply_in_every_row() -> None:

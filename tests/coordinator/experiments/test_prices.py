@@ -97,7 +97,7 @@ def test_what_a_search_finds_counts_as_best_known() -> None:
     facts_of.cache_clear()
     assert facts_of("hex:n=5", 0, 60).best_found == found["best_known"]
     # From where nothing leads to the goal in time no search can go out.
-    assert facts_of("sliding:n=6,p=5,q=5", 0, 1).best_found is None
+    assert facts_of("agv-labelled:graph=P5,n=3", 0, 1).best_found is None
 
 
 @pytest.mark.parametrize("spelled", ["hex:n=4,bend=120", "mine.toml"])

@@ -82,6 +82,7 @@ _measures = lru_cache(maxsize=8)(_Measures)
 class OwnPotential:
     """How far a module's sites are from the goals that it knows, of which it needs one.
 
+    >>> from cubepath.agents.local.random_streams import RandomStream
     >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
     >>> known = InitialKnowledge(scene.system, 0, 2, (0, 0), ((2, 1),), RandomStream(1))
     >>> OwnPotential(known).of((0, 0))

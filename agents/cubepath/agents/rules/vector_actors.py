@@ -46,6 +46,16 @@ def vector_actors_for(
 
     `system` and `rule` may be names, as for `play`. None if the rule has no vectorised form for the
     scene. InputError if it does not fit the scene, RuleError if it fails, as for `actors_for`.
+
+    >>> import numpy as np
+    >>> from cubepath.agents.environments.vector_environment import CubepathVectorEnv
+    >>> env = CubepathVectorEnv("agv:graph=grid3x3,n=2", num_envs=3)
+    >>> seen, infos = env.reset(seed=1)
+    >>> actors = vector_actors_for(env.scene, "random", seeds=[1, 2, 3])
+    >>> actions = np.zeros((3, 2), np.int32)
+    >>> actors.act(seen["observation"], seen["action_mask"], None, actions)
+    >>> actions.tolist(), actors.failed
+    ([[0, 0], [1, 0], [0, 0]], {})
     """
     scene, rule = scene_and_rule(system, rule)
     if rule.vectorised is None or not rule.is_for(scene.system):
@@ -82,16 +92,6 @@ class VectorActors:
     `vector_actors_for` makes it. `notes`, int32 of shape (E, n, note length), is the last note of
     each module, zeros before the first. `failed` says of each environment in which a module gave up
     in the last round which it was, the first of them, and why: ``module_3: no way``.
-
-    >>> import numpy as np
-    >>> from cubepath.agents.environments.vector_environment import CubepathVectorEnv
-    >>> env = CubepathVectorEnv("agv:graph=grid3x3,n=2", num_envs=3)
-    >>> seen, infos = env.reset(seed=1)
-    >>> actors = vector_actors_for(env.scene, "random", seeds=[1, 2, 3])
-    >>> actions = np.zeros((3, 2), np.int32)
-    >>> actors.act(seen["observation"], seen["action_mask"], None, actions)
-    >>> actions.tolist(), actors.failed
-    ([[0, 0], [1, 0], [0, 0]], {})
     """
 
     def __init__(
