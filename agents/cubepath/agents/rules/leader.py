@@ -56,6 +56,7 @@ from cubepath.agents.rules.two_sided_search import TwoSidedSearch
 from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Move
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 
@@ -177,7 +178,7 @@ class _Module:
         return Choice(action, orders.with_done(due.order).note())
 
     def _given_up(self) -> Choice:
-        return Choice(failed=f"gave up after {self._waited} rounds without progress")
+        return Choice(failed=f"gave up after {counted(self._waited, 'round')} without progress")
 
     def _heard(self, orders: Orders, view: View) -> Orders:
         """Return what is known with what others say and, before the first order, the own place."""
