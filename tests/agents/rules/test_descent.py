@@ -8,7 +8,7 @@ from itertools import islice, product
 import pytest
 
 from cubepath.agents.environments.rollouts import play
-from cubepath.agents.rules.descent import CROSSING, GEODESIC, makes_ideals
+from cubepath.agents.rules.descent import CROSSING, GEODESIC
 from cubepath.agents.rules.registry import own_rule
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.protocol.core.actions import Action
@@ -16,6 +16,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.scenes.families.assembly import PLANS, assembly_moves
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.ideals import step_needs
 from cubepath.protocol.systems.listed import TabledSystem
 from oracles.obvious import obvious_normal_form
 
@@ -77,7 +78,7 @@ def test_structures_are_systems_of_ideals(kind: str, weld: bool) -> None:
     def system(listed: list[Move]) -> TabledSystem:
         return TabledSystem(listed, letters=letters, drawing="letters")
 
-    assert makes_ideals(system(list(moves)))
+    assert step_needs(system(list(moves))) is not None
     for number, move in enumerate(moves):
         action = move.action
         if not action.reads:
@@ -86,7 +87,7 @@ def test_structures_are_systems_of_ideals(kind: str, weld: bool) -> None:
         ends = [end - {left_out} for end in action.ends]
         short = Action(action.support - {left_out}, action.trace, *ends, label=action.label)
         others = [*moves[:number], *moves[number + 1 :]]
-        assert not makes_ideals(system([*others, replace(move, action=short)]))
+        assert step_needs(system([*others, replace(move, action=short)])) is None
 
 
 @pytest.mark.parametrize("spec", ["polygon", "triangulation", "assembly"])

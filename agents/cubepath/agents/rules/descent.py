@@ -18,7 +18,7 @@ least: it was 1.10 times the proved optimum in the mean over 20 random scenes of
 in the goal. Source: geodesics of CAT(0) cube complexes, Niblo and Reeves (1998); Ardila, Owen and
 Sullivant (2012). Each place goes through its letters in a line, one at a time; a *step* is that it
 goes from one to the next. Some steps *need* others: a move that makes a step reads that what it
-needs is made, and that what needs it is not (`makes_ideals` checks this). So the states that are
+needs is made, and that what needs it is not (`step_needs` checks this). So the states that are
 reached from an ideal, a set of steps that holds all that its steps need, are all ideals; the start
 and the goal of a scene are ideals. Let I be the state and G the goal.
 
@@ -38,16 +38,11 @@ needs no neighbour that says which height it has.
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import TypeAlias
-
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.potential import OwnPotential
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
-from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import System
+from cubepath.protocol.systems.ideals import step_needs
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
@@ -64,67 +59,6 @@ def make(knowledge: InitialKnowledge) -> Rule:
     return choose
 
 
-_Step: TypeAlias = tuple[Site, int]
-"""A place, and the number of the letter that it goes to from the one before."""
-
-
-@lru_cache(maxsize=8)
-def makes_ideals(system: System) -> bool:
-    """Return whether the states are order ideals of steps, as `geodesic` needs it.
-
-    >>> makes_ideals(scene_from_spec("assembly").system)
-    True
-    >>> makes_ideals(scene_from_spec("words").system)
-    False
-    """
-    needs: set[tuple[_Step, _Step]] = set()
-    precedes: set[tuple[_Step, _Step]] = set()
-    made: set[_Step] = set()
-    for place in system.places if system.letters else ():
-        for number in range(len(system.letters) - 1):
-            for move in system.moves_at((place, system.letters[number])):
-                if move.target == (place, _before(system, number)):
-                    continue
-                step = place, number + 1
-                ranges = _ranges(system, move, number)
-                if ranges is None or step in made:
-                    return False
-                made.add(step)
-                for other, least, most in ranges:
-                    if least:
-                        needs.add((step, (other, least)))
-                    if most < len(system.letters) - 1:
-                        precedes.add(((other, most + 1), step))
-    return bool(made) and needs == precedes
-
-
-def _before(system: System, number: int) -> str | None:
-    """Return the letter before that of this number."""
-    return system.letters[number - 1] if number else None
-
-
-def _ranges(system: System, move: Move, number: int) -> list[tuple[Site, int, int]] | None:
-    """Return between which letters, by number, each other place that a move reads must be.
-
-    None if the move does not just take its place from letter `number` to the next one.
-    """
-    place, action = system.place_of(move.source), move.action
-    step = ((place, system.letters[number]), (place, system.letters[number + 1]))
-    if move.motion != (step,) or len(action.trace) > len(step) or action.free or action.guards:
-        return None
-    (on,) = [end for end in action.ends if step[0] in end]
-    found = []
-    for other in in_order({system.place_of(site) for site in action.reads}):
-        sites = [(other, letter) for letter in system.letters]
-        allowed = [at for at, site in enumerate(sites) if site in on] or [
-            at for at, site in enumerate(sites) if site not in action.support
-        ]
-        if not allowed or allowed[-1] - allowed[0] != len(allowed) - 1 or other == place:
-            return None
-        found.append((other, allowed[0], allowed[-1]))
-    return found
-
-
 CROSSING = RuleType(
     name="crossing",
     summary="a diagonal flips if the new one crosses fewer edges of the goal",
@@ -138,7 +72,7 @@ GEODESIC = RuleType(
     name="geodesic",
     summary="a place changes its letter towards the goal as soon as what this needs is there",
     source="Niblo and Reeves; Ardila, Owen and Sullivant: geodesics of CAT(0) cube complexes",
-    fits=makes_ideals,
+    fits=lambda system: step_needs(system) is not None,
     make=make,
     free=FreeRule(
         why="each commit crosses a hyperplane that separates from the goal, and some can"

@@ -28,6 +28,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.words import lettered_scene
 from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.systems.ideals import step_needs
 from cubepath.protocol.systems.listed import TabledSystem
 
 Part = tuple[int, int]
@@ -146,25 +147,17 @@ def _assembly(name: str, values: Values) -> Scene:
     return lettered_scene(name, system, start, tuple((part, last) for part in plan.middles))
 
 
-def _is_assembly(system: System, _start: State) -> bool:
-    """Return whether the listed moves are those of one of the plans here.
+def _is_ideal(system: System, start: State) -> bool:
+    """Return whether the states that are reached are order ideals, so that all paths are homotopic.
 
-    Its states are the order ideals of its steps, so its complex is CAT(0) (Ardila, Owen and
-    Sullivant, *Geodesics in CAT(0) cubical complexes*, 2012).
+    Their complex is CAT(0), see `cubepath.protocol.systems.ideals`.
     """
-    if not isinstance(system, TabledSystem):
-        return False
-    for count in (2, 3):
-        if system.letters != STEPS[:count]:
-            continue
-        for build, most in PLANS.values():
-            for size in range(1, most + 1):
-                plan = build(size)
-                if len(plan.middles) > len(system.places):
-                    break
-                if system.listed == assembly_moves(plan, weld=count == 3):
-                    return True
-    return False
+    needs = step_needs(system)
+
+    def made(place: Site, number: int) -> bool:
+        return any((place, letter) in start for letter in system.letters[number:])
+
+    return needs is not None and all(made(*other) for step, other in needs if made(*step))
 
 
 FAMILIES = (
@@ -179,6 +172,6 @@ FAMILIES = (
         _assembly,
         TabledSystem,
         "geodesic",
-        one_class=_is_assembly,
+        one_class=_is_ideal,
     ),
 )
