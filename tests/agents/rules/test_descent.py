@@ -13,10 +13,10 @@ from cubepath.agents.rules.registry import own_rule
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.ideals import step_needs
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.scenes.families.assembly import PLANS, assembly_moves
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.ideals import step_needs
 from cubepath.protocol.systems.listed import TabledSystem
 from oracles.obvious import obvious_normal_form
 

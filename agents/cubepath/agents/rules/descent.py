@@ -42,7 +42,7 @@ from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.potential import OwnPotential
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.systems.ideals import step_needs
+from cubepath.protocol.core.ideals import step_needs
 
 
 def make(knowledge: InitialKnowledge) -> Rule:

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.ideals import step_needs
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.words import lettered_scene
 from cubepath.protocol.scenes.registry import Family, Values, whole
-from cubepath.protocol.systems.ideals import step_needs
 from cubepath.protocol.systems.listed import TabledSystem
 
 Part = tuple[int, int]
@@ -150,7 +150,7 @@ def _assembly(name: str, values: Values) -> Scene:
 def _is_ideal(system: System, start: State) -> bool:
     """Return whether the states that are reached are order ideals, so that all paths are homotopic.
 
-    Their complex is CAT(0), see `cubepath.protocol.systems.ideals`.
+    Their complex is CAT(0), see `cubepath.protocol.core.ideals`.
     """
     needs = step_needs(system)
 
