@@ -17,6 +17,7 @@ import pytest
 
 import flip_diameter
 import hexagon_shapes
+import rules
 import three_gaps
 import torsion
 from cubepath.coordinator.experiments.instances import standard
@@ -64,7 +65,7 @@ def test_the_page_has_the_tables_of_its_rows() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("script", [flip_diameter, hexagon_shapes, three_gaps, torsion])
+@pytest.mark.parametrize("script", [flip_diameter, hexagon_shapes, rules, three_gaps, torsion])
 def test_the_scripts_make_their_first_rows(
     script: ModuleType,
     tmp_path: Path,

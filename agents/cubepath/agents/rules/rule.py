@@ -143,7 +143,7 @@ class RuleType:
     Its choices and notes are those of the rules that `make` makes, so replacing one replaces the
     other. None if it does not know a system or scene: then each module is asked by itself.
     """
-    keys: Keys = field(default_factory=dict)
+    keys: Keys = field(default_factory=dict, compare=False, repr=False)
     """The keys that may follow its name, as in ``metropolis:temperature=2``; those of `RuleLimits`
     follow any name."""
     configure: Callable[[Mapping[str, str]], RuleType] | None = None
