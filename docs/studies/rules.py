@@ -17,13 +17,16 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from cubepath.agents import play_many
 from cubepath.agents.rules.registry import find_rule, own_rule
 from cubepath.coordinator.experiments.statistics import share_interval
 from cubepath.protocol import scene_from_spec
 
+_OWN, _BASELINE = "#0072b2", "#e69f00"
 MAX_ROUNDS = 2000
+LIMITED_ROUNDS = 500
 SEEDS = 100
 FAMILIES: tuple[tuple[str, str], ...] = (
     ("hex:n=12", "hex:n=24"),
@@ -73,13 +76,14 @@ def settings(*, quick: bool) -> list[tuple[str, str]]:
 def share(system: str, rule: str, seeds: int) -> dict[str, Any]:
     """Return how many runs reached the goal, and the mean number of their rounds."""
     chosen = find_rule(rule)
+    most = LIMITED_ROUNDS if ":" in rule else MAX_ROUNDS
     if "{}" in system:
         runs = [
-            play_many(system.format(seed), chosen, [seed], max_rounds=MAX_ROUNDS)
+            play_many(system.format(seed), chosen, [seed], max_rounds=most)
             for seed in range(1, seeds + 1)
         ]
     else:
-        runs = [play_many(system, chosen, range(1, seeds + 1), max_rounds=MAX_ROUNDS)]
+        runs = [play_many(system, chosen, range(1, seeds + 1), max_rounds=most)]
     rounds = [
         int(count)
         for run in runs
@@ -107,7 +111,7 @@ def _draw_families(
 ) -> None:
     for at, pair in enumerate(FAMILIES):
         own = own_rule(scene_from_spec(pair[size].format(1)))
-        for rule, shift, colour in ((own, -0.2, "#0072b2"), ("metropolis", 0.2, "#e69f00")):
+        for rule, shift, colour in ((own, -0.2, _OWN), ("metropolis", 0.2, _BASELINE)):
             row = by.get((pair[size], rule))
             if row is None or (own == "metropolis" and shift < 0):
                 continue
@@ -117,15 +121,19 @@ def _draw_families(
     names = [one.partition(":")[0] for one, _ in FAMILIES]
     axes.set(title=title, xlim=(0, 1), xlabel="share of runs that reach the goal")
     axes.set_yticks(range(len(names)), names if size == 0 else [""] * len(names))
-    axes.invert_yaxis()
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    if size == 0:
+        bars = [Patch(color=_OWN, label="rule of the family"), Patch(color=_BASELINE)]
+        bars[1].set_label("metropolis")
+        axes.legend(handles=bars, loc="lower left")
 
 
 def _draw_limits(axes: Axes, key: str, by: dict[tuple[str, str], dict[str, Any]]) -> None:
     values = VALUES[key]
-    for system, rule in LIMITED:
+    for (system, rule), mark in zip(LIMITED, ("o-", "s--", "^:", "x-."), strict=True):
         rows = [by.get((system, f"{rule}:{key}={value}")) for value in values]
         shares = [row["goal"] / row["runs"] if row else float("nan") for row in rows]
-        axes.plot(range(len(values)), shares, marker="o", label=rule)
+        axes.plot(range(len(values)), shares, mark, markersize=8, fillstyle="none", label=rule)
     axes.set_xticks(range(len(values)), [f"{value:g}" for value in values])
     what = {"misread": "probability that a place is seen wrongly", "notes": "changes of a note"}
     axes.set(ylim=(-0.03, 1.03), xlabel=what[key], ylabel="share that reaches the goal")
