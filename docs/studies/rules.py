@@ -103,6 +103,9 @@ def picture(rows: Sequence[dict[str, Any]]) -> Figure:
         _draw_families(figure.add_subplot(grid[0, size]), size, title, by)
     for column, key in enumerate(VALUES):
         _draw_limits(figure.add_subplot(grid[1, column]), key, by)
+    bars = [Patch(color=_OWN, label="rule of the family"), Patch(color=_BASELINE)]
+    bars[1].set_label("metropolis")
+    figure.legend(handles=bars, loc="outside upper center", ncols=2)
     return figure
 
 
@@ -122,10 +125,6 @@ def _draw_families(
     axes.set(title=title, xlim=(0, 1), xlabel="share of runs that reach the goal")
     axes.set_yticks(range(len(names)), names if size == 0 else [""] * len(names))
     axes.set_ylim(len(names) - 0.5, -0.5)
-    if size == 0:
-        bars = [Patch(color=_OWN, label="rule of the family"), Patch(color=_BASELINE)]
-        bars[1].set_label("metropolis")
-        axes.legend(handles=bars, loc="lower left")
 
 
 def _draw_limits(axes: Axes, key: str, by: dict[tuple[str, str], dict[str, Any]]) -> None:
