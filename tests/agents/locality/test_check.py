@@ -43,8 +43,8 @@ def test_our_own_rules_are_local(rule: str) -> None:
     found = check_rule(rule)
     assert found.findings == ()
     assert len(found.systems) >= 2
-    assert found.choices > 1000
-    assert found.changes > 100
+    assert found.choices > 900
+    assert found.changes > 40
 
 
 @pytest.mark.thorough
@@ -63,8 +63,8 @@ def test_our_own_rules_are_local_without_rounds(rule: str) -> None:
     """The same, where they are played in turns."""
     found = check_rule(rule, clock="free")
     assert found.findings == ()
-    assert found.choices > 1000
-    assert found.changes > 100
+    assert found.choices > 900
+    assert found.changes > 40
 
 
 @pytest.mark.slow
@@ -101,7 +101,7 @@ def test_what_is_local_is_left_alone(stage: PlayProcesses) -> None:
     """A cache, a generator from the module's number, libraries that look at frames: no finding."""
     found, lines = checked(stage, "harmless", "agv:graph=grid6x6,n=6")
     assert lines == {}
-    assert found.changes > 100
+    assert found.changes > 40
 
 
 EXPECTED = {
@@ -192,7 +192,7 @@ def test_each_way_of_cheating_is_named(stage: PlayProcesses, cheat: str) -> None
 def test_who_sees_beyond_reach_is_found(stage: PlayProcesses, cheat: str, why: str | None) -> None:
     """A choice changes with what the module cannot sense, whatever way it has found there."""
     found, lines = checked(stage, cheat, "agv:graph=grid6x6,n=5")
-    assert found.changes > 100
+    assert found.changes > 40
     assert lines["reach"].startswith("sees beyond its reach: module_")
     assert "where modules beyond its reach are elsewhere action" in lines["reach"]
     assert why is None or why in lines.values()

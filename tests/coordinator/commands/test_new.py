@@ -120,5 +120,5 @@ def test_what_is_begun_is_installed_and_passes_its_tests(tmp_path: Path) -> None
     run = [*PYTHON, "run", "--processes", "2", "--json"]
     vehicles = ["agv:graph=grid4x4,n=3", "--rule", "led"]
     assert json.loads(shell(*run, *vehicles, cwd=tmp_path, site=site))["goal_reached"]
-    assert json.loads(shell(*run, "hall:n=2", cwd=tmp_path, site=site))["rule"] == "random"
+    assert json.loads(shell(*run, "hall:n=2", cwd=tmp_path, site=site))["rule"] == "metropolis"
     assert "led" in shell(*PYTHON, "rule", "list", cwd=tmp_path, site=site)

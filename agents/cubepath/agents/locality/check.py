@@ -45,7 +45,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 SCENES: Mapping[str, tuple[str, ...]] = {
     "hex": ("hex:n=4", "hex:n=12"),
     "hex-open": ("hex-open:n=4", "hex-open:n=12"),
-    "hex-tunnel": ("hex-tunnel",),
+    "hex-tunnel": ("hex-tunnel:n=4", "hex-tunnel:n=7"),
     "sliding": ("sliding:p=2,q=1,n=3", "sliding:p=6,q=2,n=8"),
     "agv": ("agv:graph=K5,n=3", "agv:graph=grid6x6,n=9"),
     "agv-labelled": ("agv-labelled:graph=K5,n=3", "agv-labelled:graph=grid6x6,n=8"),
