@@ -113,6 +113,8 @@ def test_a_rule_in_a_file_has_limits_too(tmp_path: Path) -> None:
     """After its name, and one of its keys may have any value that is in bounds."""
     with pytest.raises(InputError, match="misread=1: expected at least 0 and less than 1"):
         find_rule("chain:misread=1")
+    with pytest.raises(InputError, match=r"notes=1\.5: expected a whole number, 0 or more"):
+        find_rule("chain:notes=1.5")
     with pytest.raises(InputError, match="notes=-1: expected 0 or more"):
         find_rule("chain:notes=-1")
     file = tmp_path / "own.py"

@@ -125,6 +125,14 @@ def test_every_family_has_metropolis(spec: str, values: str) -> None:
     assert Side(scene_from_spec(spec), rule, [1, 2], 0.3).play(40)
 
 
+def test_metropolis_chooses_the_same_when_it_forgets_sites(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long run of many modules meets more sites than it keeps."""
+    monkeypatch.setattr("cubepath.agents.rules.vector_metropolis._BYTES_MAX", 0)
+    rule = find_rule("metropolis")
+    assert rule is not None
+    assert Side(scene_from_spec("hex-open:n=5"), rule, [1, 2], 0.0).play(30)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("spec", ["hex:n=25,bend=60", "hex:n=20,bend=0,shift=13", "hex-open:n=20"])
 @pytest.mark.parametrize("hesitate", [0.0, 0.2])

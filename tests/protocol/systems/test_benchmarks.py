@@ -9,6 +9,7 @@ import pytest
 from cubepath.agents import play
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec, spec_within
+from cubepath.protocol.systems.benchmarks import task_from_scen
 
 DATA = Path(__file__).parents[2] / "data" / "imports"
 MAPS, SCENARIOS, ROOM = DATA / "rooms.yaml", DATA / "rooms-mapf.yaml", DATA / "room.map"
@@ -104,3 +105,10 @@ def test_damage_is_one_line(tmp_path: Path, file: Path, old: str, new: str, said
         scene_from_spec(f"agv-labelled:{keys}")
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_an_empty_scenario_is_refused(tmp_path: Path) -> None:
+    """In one line that names the file."""
+    (tmp_path / "empty.scen").write_text("", "utf-8")
+    with pytest.raises(InputError, match=r"empty\.scen: no vehicle, expected a first line"):
+        task_from_scen(tmp_path / "empty.scen")

@@ -55,7 +55,8 @@ class _Measures:
         self._system = system
         self.whole = cache(self._whole)
         self.to = cache(self._to)
-        self._around = cache(partial(SiteDistances, system))
+        known = system.filled or system.empty
+        self._around = cache(partial(SiteDistances, system if known else system.with_moves(())))
 
     def _whole(self, goals: tuple[Site, ...]) -> Distance | None:
         potential = self._system.potential(frozenset(goals))
@@ -67,9 +68,10 @@ class _Measures:
             index = system.graph.index
             steps = roads_of(system.graph).distances(index[system.place_of(goal)])
             return lambda site: steps[index[system.place_of(site)]]
-        if system.catalogue is None or not system.open:
+        if system.catalogue is None or system.filled or system.empty:
             return self._around(goal).of
-        # On a whole lattice one search serves all goals of an orbit.
+        # Without obstacles one search serves all goals of an orbit, also in a box: the box may
+        # have a million cells, and a thousand goals.
         lattice, cell = system.catalogue.lattice, system.catalogue.lattice.check(goal)
         search = self._around(system.catalogue.orbit(cell))
         back = tuple(-along for along in cell[: lattice.dimension])

@@ -21,6 +21,8 @@ from cubepath.agents.rules.vector_rule import (
 from cubepath.protocol.core.system import CLOSED, EMPTY
 
 _FAR = np.iinfo(np.int32).max
+_BYTES_MAX = 1 << 28
+"""Beyond this the rows are forgotten, and made again where modules still are."""
 _ROOM = 64
 """The least number of rows for which there is room."""
 
@@ -97,12 +99,17 @@ class _SiteTable:
             self._groups.append(group)
         self._labels = [system.label_of(start) for start in knowledge.starts]
         self.goals = max(1, *(len(each.goals) for each in self._potentials))
+        self._forget()
+
+    def _forget(self) -> None:
         self._rows: dict[tuple[int, ...], int] = {}
-        self.far = np.zeros((0, system.move_slots + 1, self.goals), np.int32)
-        self.slots = np.zeros((0, system.sense_slots), np.int32)
+        self.far = np.zeros((0, self._system.move_slots + 1, self.goals), np.int32)
+        self.slots = np.zeros((0, self._system.sense_slots), np.int32)
 
     def rows(self, sites: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return the row of each module, shape (E, n), from the numbers of their sites."""
+        if self.far.nbytes > _BYTES_MAX:
+            self._forget()
         found: list[int] = []
         for environment in sites.tolist():
             for module, numbers in enumerate(environment):

@@ -187,7 +187,8 @@ def options_from_values(struct: type[_O], values: Mapping[str, str]) -> _O:
             found[name] = field.kind(values[key])
             field.check(found[name], key)
         except ValueError:
-            raise InputError(f"{key}={values[key]}: expected a number, {field.expected}") from None
+            what = "a whole number" if field.kind is int else "a number"
+            raise InputError(f"{key}={values[key]}: expected {what}, {field.expected}") from None
         except OptionError as error:
             raise InputError(str(error)) from None
     return struct(**found)

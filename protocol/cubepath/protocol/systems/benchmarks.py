@@ -52,6 +52,8 @@ def task_from_scen(source: Source) -> BenchmarkTask:
         from_x, from_y, to_x, to_y = map(int, words[4:8])
         starts.append((from_x, from_y))
         goals.append((to_x, to_y))
+    if not starts:
+        raise InputError(f"{path}: no vehicle, expected a first line 'version 1' and one for each")
     return BenchmarkTask(tuple(starts), tuple(goals), map_name)
 
 
