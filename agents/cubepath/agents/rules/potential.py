@@ -55,8 +55,8 @@ class _Measures:
         self._system = system
         self.whole = cache(self._whole)
         self.to = cache(self._to)
-        known = system.filled or system.empty
-        self._around = cache(partial(SiteDistances, system if known else system.with_moves(())))
+        blocked = system.filled or system.empty
+        self._around = cache(partial(SiteDistances, system if blocked else system.with_moves(())))
 
     def _whole(self, goals: tuple[Site, ...]) -> Distance | None:
         potential = self._system.potential(frozenset(goals))
