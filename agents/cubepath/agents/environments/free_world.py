@@ -4,8 +4,6 @@ The keeper decides every attempt immediately, with the code that keepers run on 
 module sees may be out of date, as on the wire; the keeper compares it with the present state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

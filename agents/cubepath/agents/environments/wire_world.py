@@ -3,8 +3,6 @@
 The modules send observations and masks and receive actions; their reports contain what they did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -9,8 +9,6 @@ A keeper repeats an answer when it is asked again. It decides nothing: it only c
 sensed with the present state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias

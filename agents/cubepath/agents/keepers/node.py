@@ -1,7 +1,5 @@
 """A keeper as a node: strict decoding, keys, and ticks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cubepath.agents.keepers.keeper import Keeper

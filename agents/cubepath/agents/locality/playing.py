@@ -3,8 +3,6 @@
 The process is new, so nothing of the rule was loaded before.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

@@ -11,8 +11,6 @@ round with a given sender and reason is recorded immediately, with its first byt
 further ones follows when the round ends or the wait continues.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Literal, NoReturn, TypeAlias

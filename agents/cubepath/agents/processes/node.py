@@ -6,8 +6,6 @@ everything of a phase has arrived. Late, duplicate or reordered messages make no
 node asks again for missing ones. A refused message (`judge`) has no effect.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Literal

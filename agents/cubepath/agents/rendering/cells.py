@@ -4,8 +4,6 @@ It draws only what it is given. On a map y counts downwards, vehicles are discs,
 no places are walls.
 """
 
-from __future__ import annotations
-
 from cmath import phase
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 It draws only what it is given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import sqrt
 

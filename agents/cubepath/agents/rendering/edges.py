@@ -4,8 +4,6 @@ A picture of lattice edges may also hold vertices, each with a letter
 (`cubepath.protocol.scenes.families.arms`): a marked vertex is drawn as a mark, a free one not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial

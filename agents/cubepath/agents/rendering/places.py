@@ -3,8 +3,6 @@
 The system says where the vertices of a graph lie; otherwise they lie on a circle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial

@@ -5,8 +5,6 @@ failed, memory or a disk was full, or the answer could not be written, 2 bad inp
 interrupted with the recording closed, 141 the reader of the answer closed the pipe.
 """
 
-from __future__ import annotations
-
 import argparse
 import errno
 import logging

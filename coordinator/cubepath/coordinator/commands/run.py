@@ -1,7 +1,5 @@
 """The command ``cubepath run``: a new run, or one that continues from a recording."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import sys

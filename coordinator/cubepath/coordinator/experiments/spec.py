@@ -4,8 +4,6 @@ A file and the command line are expanded in the same order: by system, rule, clo
 faults and, fastest, seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, lru_cache, partial

@@ -5,8 +5,6 @@ original keys but a new run id, and a fresh coordinator gathers them. Without ro
 of keepers are put back too. Anything else that is connected to the router receives them as well.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Collection

@@ -4,8 +4,6 @@ Everything arrives through one queue, so zenoh's callbacks do no work, and order
 from Python and from zenoh are carried out in their order of arrival.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 import uuid

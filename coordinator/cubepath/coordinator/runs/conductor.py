@@ -4,8 +4,6 @@ It is pure, like the nodes: messages come in, and messages for the recording com
 zenoh and a simulated one use the same conductor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias

@@ -1,7 +1,5 @@
 """The contents of a recording, for people and for machines; nothing in it is checked here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any

@@ -12,8 +12,6 @@ the claims and the ranks, which tells a liar from the modules it lied to. When a
 the state advances.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache

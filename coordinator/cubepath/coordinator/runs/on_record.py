@@ -4,8 +4,6 @@ The run that repeats it derives everything again, so nothing in the recording is
 module checks only that reports and claims fit together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias

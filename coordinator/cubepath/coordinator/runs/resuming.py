@@ -9,8 +9,6 @@ show which records a log must have. The numbers of a keeper only grow along its 
 to compare the last ones.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import Counter

@@ -5,8 +5,6 @@ same message is changed in the same way whenever it is repeated. A liar speaks o
 as routers ensure, so it publishes on no key of another.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from random import Random

@@ -5,8 +5,6 @@ need not know the clock. Small tables of messages, for the text of a failure, sh
 around a place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

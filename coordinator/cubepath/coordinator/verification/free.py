@@ -3,8 +3,6 @@
 Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import partial

@@ -6,8 +6,6 @@ Only results are kept whole: of a commit its numbers are kept, of other messages
 hashes each. Once all commits are known the messages are read again, and checked one by one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias

@@ -10,8 +10,6 @@ what they remember follows from everything before, so after the hole each messag
 separately too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf

@@ -6,8 +6,6 @@ are derived again, by their definitions. So are the regions to which each part o
 go.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence, Set as AbstractSet

@@ -14,8 +14,6 @@ unbounded: the workspace here is the bounding box of all named and visited cells
 each side.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial

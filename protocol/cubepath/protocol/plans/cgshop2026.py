@@ -19,8 +19,6 @@ The actions are those of `cubepath.protocol.systems.flips`. They are built from 
 triangles, so the number of points is not limited as it is there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The paper's examples of state complexes, its section on topology, and the shape complex."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from itertools import combinations, pairwise

@@ -3,8 +3,6 @@
 Source: Abrams and Ghrist, example of automated guided vehicles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
