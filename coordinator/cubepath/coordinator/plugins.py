@@ -4,8 +4,6 @@ Nothing listed here is imported before it is used. To change how a run works you
 package, and a command loads only what it uses.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -8,8 +8,6 @@ loaded; until then the same functions do small work in plain Python, see `Compil
 Source: https://numba.readthedocs.io, "Compiling Python code with @jit" and "Notes on Caching".
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import suppress

@@ -5,8 +5,6 @@ type checkers and Python both read them. So importing a face costs nothing, and 
 loads only what that name needs: a module process never loads PettingZoo, nor shortening matplotlib.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections.abc import Callable

@@ -8,8 +8,6 @@ installation. Small work runs without it. Large work waits for the compiler, whi
 separate process while the plain world steps in.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import subprocess

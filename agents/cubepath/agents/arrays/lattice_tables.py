@@ -4,8 +4,6 @@ Cells are numbered by a hash of their coordinates, so the lattice has neither an
 tables grow with the cells that modules reach.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ The plain world is the reference, and tests compare the two step by step. Two cl
 are compared by rank; a claim without conflicts is granted.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ Sites whose moves are the same up to the names of the places are of one *kind*. 
 by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from enum import Enum
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ module act again and again, and depends only on the seed and the results of earl
 `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from heapq import heapify, heapreplace
 from numbers import Real

@@ -4,8 +4,6 @@ The keeper decides every attempt immediately, with the code that keepers run on 
 module sees may be out of date, as on the wire; the keeper compares it with the present state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -19,15 +17,7 @@ from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import (
-    Attempt,
-    Commit,
-    Decision,
-    Entered,
-    EnterRequest,
-    Replies,
-    TileUpdate,
-)
+from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.keys import Tiles
 
 _LAG = 2
@@ -42,7 +32,7 @@ class ActionResult:
     choice: Choice
     asked: bool = False
     illegal: bool = False
-    moved: Commit | None = None
+    moved: free_messages.Commit | None = None
     move: Move | None = None
     """The move that was committed, if it was one."""
     why: str = ""
@@ -133,10 +123,10 @@ class FreeWorld:
     def restart(self, module: int) -> None:
         """Let the process of a module die and come back: what it knew is lost, its place holds."""
         known = self._modules[module]
-        self.keeper.ask(0, EnterRequest(module, known.incarnation + 1))
+        self.keeper.ask(0, free_messages.EnterRequest(module, known.incarnation + 1))
         for message in self.keeper.said():
-            for part in message.parts if isinstance(message, Replies) else ():
-                if isinstance(part, Entered):
+            for part in message.parts if isinstance(message, free_messages.Replies) else ():
+                if isinstance(part, free_messages.Entered):
                     known.incarnation, known.epoch = part.incarnation, part.occupant.epoch
         known.number = known.turn = 0
         known.seen = None
@@ -238,13 +228,15 @@ class FreeWorld:
         self._committed(module, moved)
         return ActionResult(module, choice, asked=True, illegal=illegal, moved=moved, move=move)
 
-    def _ask(self, attempt: Attempt) -> Decision:
+    def _ask(self, attempt: free_messages.Attempt) -> free_messages.Decision:
         self.keeper.ask(0, attempt)
-        decision: Decision | None = None
+        decision: free_messages.Decision | None = None
         for message in self.keeper.said():
-            if isinstance(message, Replies):
-                decision = next(part for part in message.parts if isinstance(part, Decision))
-            elif isinstance(message, TileUpdate):
+            if isinstance(message, free_messages.Replies):
+                decision = next(
+                    part for part in message.parts if isinstance(part, free_messages.Decision)
+                )
+            elif isinstance(message, free_messages.TileUpdate):
                 for part in message.parts:
                     site = part.site
                     self._change(part.place, site, tuple(part.note))
@@ -265,7 +257,7 @@ class FreeWorld:
         if note:
             self._notes[place] = note
 
-    def _committed(self, module: int, moved: Commit) -> None:
+    def _committed(self, module: int, moved: free_messages.Commit) -> None:
         self.commits += 1
         for who, _, to, _ in moved.motion:
             self.sites[who] = to

@@ -3,8 +3,6 @@
 Worlds know only absolute observations. This module makes them relative on request.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 Rules with a vectorised form run in compiled code, all runs side by side.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field

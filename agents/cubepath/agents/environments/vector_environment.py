@@ -4,8 +4,6 @@ Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in 
 each array of an environment has an axis for modules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 The modules send observations and masks and receive actions; their reports contain what they did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,14 +16,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import (
-    ChosenAction,
-    Message,
-    ModuleObservation,
-    Observations,
-    Report,
-    Reports,
-)
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.nodes import Keep
 
 
@@ -38,8 +29,8 @@ class WireWorld:
         """Start the fleet and sense for the first time."""
         self.scene = scene
         self.note_length = note_length
-        self._observed: dict[int, ModuleObservation] = {}
-        self._reports: dict[int, Report] = {}
+        self._observed: dict[int, wire.ModuleObservation] = {}
+        self._reports: dict[int, wire.Report] = {}
         self._processes = processes
         self._whole = False
         self._fleet: LockstepFleet | None = None
@@ -72,11 +63,11 @@ class WireWorld:
         self.sites: list[Site] = list(self.scene.start)
         self._sense()
 
-    def _take(self, kept: Keep[Message], _wall_ns: int) -> None:
+    def _take(self, kept: Keep[wire.Message], _wall_ns: int) -> None:
         match kept.message:
-            case Observations(parts=observed):
+            case wire.Observations(parts=observed):
                 self._observed.update((each.module, each) for each in observed)
-            case Reports(parts=reports):
+            case wire.Reports(parts=reports):
                 self._reports.update((each.module, each) for each in reports)
             case _:
                 pass
@@ -114,7 +105,9 @@ class WireWorld:
             action = actions.get(module, STAY)
             legal = is_legal(seen.action_mask, action)
             note = (notes or {}).get(module, ())
-            acts.append(ChosenAction(fleet.round, module, action if legal else STAY, list(note)))
+            acts.append(
+                wire.ChosenAction(fleet.round, module, action if legal else STAY, list(note))
+            )
         fleet.act(acts)
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):
@@ -126,7 +119,7 @@ class WireWorld:
         self._sense()
         return Round(self.round, moves, lost)
 
-    def _made(self, report: Report) -> Move | None:
+    def _made(self, report: wire.Report) -> Move | None:
         if report.move is None:
             return None
         before, at = report.before, report.move.at

@@ -5,8 +5,6 @@ It holds the state that is distributed over the modules on the wire; each module
 claims outrank it, whether it is granted, and where the module then stands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain

@@ -3,8 +3,6 @@
 The fleet and the simulator create it in the same way.
 """
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias
 
 import msgspec

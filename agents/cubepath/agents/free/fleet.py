@@ -4,8 +4,6 @@ A fleet starts them, watches them, and ends them. When one of them dies, `on_cra
 happens: keepers restart from their logs, and modules are placed again where they were.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence

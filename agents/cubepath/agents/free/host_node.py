@@ -4,8 +4,6 @@ It receives messages and ticks and returns effects. Its only notion of time is i
 which arrives some time after the node asked for it; that is enough to know when to ask again.
 """
 
-from __future__ import annotations
-
 from cubepath.agents.free.config import HALT_S, FreeProcessConfig
 from cubepath.agents.free.mover import Ask, Mover, paces
 from cubepath.agents.free.sensing import Sensing

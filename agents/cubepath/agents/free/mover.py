@@ -5,8 +5,6 @@ knows the result. It acts only through the PettingZoo observation, mask and acti
 it when something that it senses may have changed, or when a timer is due.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf

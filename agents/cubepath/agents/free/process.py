@@ -4,8 +4,6 @@ It is started as ``python -m cubepath.agents.free.process`` with its `FreeProces
 with the run or with its parent.
 """
 
-from __future__ import annotations
-
 import sys
 
 from cubepath.agents.free.config import FreeProcessConfig

@@ -4,8 +4,6 @@ A process receives whole tiles; a module sees only the places that it senses, an
 within its reach. Updates of a tile are numbered, so a gap is noticed immediately.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The configuration of a keeper. The fleet and the simulator create it in the same way."""
 
-from __future__ import annotations
-
 import msgspec
 
 from cubepath.protocol.wire.credentials import GUEST, Credentials

@@ -6,8 +6,6 @@ first record names the keeper, and so does the record written each time the log 
 line that a crash cut off does not count: the keeper had not answered for it.
 """
 
-from __future__ import annotations
-
 import os
 from abc import abstractmethod
 from array import array

@@ -9,23 +9,13 @@ A keeper repeats an answer when it is asked again. It decides nothing: it only c
 sensed with the present state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from msgspec.structs import replace
 
-from cubepath.agents.keepers.attempts import (
-    NO_PLACE,
-    AttemptPlan,
-    Lock,
-    NotAnAttempt,
-    Share,
-    held,
-    planned,
-)
+from cubepath.agents.keepers import attempts
 from cubepath.agents.keepers.journal import (
     Acknowledged,
     Committed,
@@ -83,8 +73,8 @@ class _Pending:
     """An attempt that is prepared here, or waits to be."""
 
     passed: Forwarded
-    plan: AttemptPlan
-    share: Share
+    plan: attempts.AttemptPlan
+    share: attempts.Share
     age: int = 0
     due: int = LEASE_TICKS
 
@@ -99,7 +89,7 @@ class _Hold:
 
     asked: Hold
     process: int
-    share: Share
+    share: attempts.Share
     left: int
 
     @property
@@ -170,8 +160,8 @@ class Keeper:
         self._asked: dict[int, tuple[int, int]] = {}
         """By module the epoch and the number of the last time it asked for that."""
         # Owners are modules for their attempts, and their complements for what they hold.
-        self._exclusive: dict[Lock, int] = {}
-        self._shared: dict[Lock, dict[int, None]] = {}
+        self._exclusive: dict[attempts.Lock, int] = {}
+        self._shared: dict[attempts.Lock, dict[int, None]] = {}
         self._leases: dict[int, int] = {}
         """Of modules whose last attempt was aborted."""
         self._unsettled: dict[Name, _Unsettled] = {}
@@ -274,8 +264,8 @@ class Keeper:
             self._go_on()  # whoever was waited for may have been replaced meanwhile
             return
         try:
-            plan = planned(self._system, self._tiles, attempt)
-        except NotAnAttempt:
+            plan = attempts.planned(self._system, self._tiles, attempt)
+        except attempts.NotAnAttempt:
             self.refused += 1
             return
         before = plan.chain.index(self.me) if self.me in plan.chain else -1
@@ -330,7 +320,7 @@ class Keeper:
                 return True
         return False
 
-    def _is_locked(self, owner: int, share: Share) -> bool:
+    def _is_locked(self, owner: int, share: attempts.Share) -> bool:
         """Return whether anything of a share is locked, but by what is held for an attempt."""
         own = (None, ~owner) if owner >= 0 else (None,)
         for lock in share.exclusive:
@@ -374,7 +364,7 @@ class Keeper:
     def _versions(self, units: Iterable[Site]) -> list[tuple[Site, int]]:
         return [(unit, self.units.unit(unit).version) for unit in units]
 
-    def _fenced_off(self, plan: AttemptPlan) -> str | None:
+    def _fenced_off(self, plan: attempts.AttemptPlan) -> str | None:
         """Return why the module may not act, if its place is here and its fence says so."""
         attempt, place = plan.attempt, self._system.place_of(plan.site)
         if self._tiles.keeper_of(place) != self.me:
@@ -386,7 +376,7 @@ class Keeper:
             return f"fenced off: module_{attempt.module} is in epoch {occupant.epoch}"
         return None
 
-    def _gathered(self, passed: Forwarded, plan: AttemptPlan) -> list[Occupant | None]:
+    def _gathered(self, passed: Forwarded, plan: attempts.AttemptPlan) -> list[Occupant | None]:
         found = list(passed.occupants) or [None] * len(plan.motion)
         for number, (source, _) in enumerate(plan.motion):
             place = self._system.place_of(source)
@@ -394,7 +384,7 @@ class Keeper:
                 found[number] = self.units.occupant(place)
         return found
 
-    def _noted(self, plan: AttemptPlan) -> list[tuple[Site, Occupant]]:
+    def _noted(self, plan: attempts.AttemptPlan) -> list[tuple[Site, Occupant]]:
         found = []
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
@@ -427,7 +417,7 @@ class Keeper:
             self._pass(keeper, decision)
         self._give_up(decision.module)
 
-    def _commit(self, passed: Forwarded, plan: AttemptPlan) -> None:
+    def _commit(self, passed: Forwarded, plan: attempts.AttemptPlan) -> None:
         attempt = passed.attempt
         moved, occupants = self._outcome(passed, plan)
         decision = Decision(
@@ -442,7 +432,9 @@ class Keeper:
         self._show_changes()
         self._give_up(decision.module)
 
-    def _carry_out_commit(self, passed: Forwarded, decision: Decision, plan: AttemptPlan) -> None:
+    def _carry_out_commit(
+        self, passed: Forwarded, decision: Decision, plan: attempts.AttemptPlan
+    ) -> None:
         self.commits += 1
         if len(plan.chain) > 1:
             owing = dict.fromkeys(plan.chain[:-1])
@@ -450,12 +442,12 @@ class Keeper:
         self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
         self._apply(decision, plan)
 
-    def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
+    def _apply(self, decision: Decision, plan: attempts.AttemptPlan) -> None:
         if decision.commit is not None:
             self.units.apply(decision.commit, plan.shares[self.me], decision.occupants)
 
     def _outcome(
-        self, passed: Forwarded, plan: AttemptPlan
+        self, passed: Forwarded, plan: attempts.AttemptPlan
     ) -> tuple[Commit, list[tuple[Site, Occupant]]]:
         """Return what is committed, and the modules that it changes as they are from now on."""
         attempt = passed.attempt
@@ -636,8 +628,8 @@ class Keeper:
             return
         try:
             places = list(asked.places)
-            share = held(self._system, places)
-        except NO_PLACE:
+            share = attempts.held(self._system, places)
+        except attempts.NO_PLACE:
             self.refused += 1
             return
         # Nobody senses more than that, and who could hold everything would stop everybody.
@@ -735,7 +727,7 @@ class Keeper:
         for record in self._journal.records():
             try:
                 self._do_again(record)
-            except NO_PLACE as error:
+            except attempts.NO_PLACE as error:
                 raise InputError(
                     f"{str(record)[:100]}... in the log of keeper_{self.me} cannot follow the"
                     f" records before it ({type(error).__name__}), expected those of this run"
@@ -744,10 +736,10 @@ class Keeper:
     def _do_again(self, record: Record) -> None:
         match record:
             case Prepared(passed=passed):
-                plan = planned(self._system, self._tiles, passed.attempt)
+                plan = attempts.planned(self._system, self._tiles, passed.attempt)
                 self._prepare(_Pending(passed, plan, plan.shares[self.me]))
             case Committed(passed=passed, decision=decision):
-                plan = planned(self._system, self._tiles, passed.attempt)
+                plan = attempts.planned(self._system, self._tiles, passed.attempt)
                 self._carry_out_commit(passed, decision, plan)
             case Decided(decision=decision):
                 self._decided_before(decision)

@@ -1,26 +1,9 @@
 """A keeper as a node: strict decoding, keys, and ticks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.protocol.wire.free_messages import (
-    Attempt,
-    CommitLog,
-    CommitQuery,
-    EnterRequest,
-    Forwards,
-    FreeMessage,
-    Hold,
-    Replies,
-    Requests,
-    RetransmitRange,
-    TileUpdate,
-    free_key,
-    heard_by_keeper,
-    read_free,
-)
+from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
 from cubepath.protocol.wire.outgoing_log import OutgoingLog
@@ -49,31 +32,31 @@ class KeeperNode(Node):
 
     def start(self) -> list[Effect]:
         """Listen, and show the result of anything that was under way before."""
-        return [Listen(heard_by_keeper(self._run, self.keeper.me)), *self._said()]
+        return [Listen(free_messages.heard_by_keeper(self._run, self.keeper.me)), *self._said()]
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message; anything else has no effect except that it is counted."""
-        message = read_free(self._run, key, data)
+        message = free_messages.read_free(self._run, key, data)
         if isinstance(message, Go) and message.phase == "stop":
             return [Timer(None), End()]
-        if isinstance(message, RetransmitRange):
+        if isinstance(message, free_messages.RetransmitRange):
             return list(self._outgoing.retransmit(message))
         self._take(message)
         return self._said()
 
-    def _take(self, message: FreeMessage | None) -> None:
+    def _take(self, message: free_messages.FreeMessage | None) -> None:
         keeper = self.keeper
         match message:
-            case Requests(process=process, keeper=keeper.me, parts=parts):
+            case free_messages.Requests(process=process, keeper=keeper.me, parts=parts):
                 for part in parts:
                     if self._may_speak(process, part):
                         keeper.ask(process, part)
                     else:
                         keeper.refused += 1
-            case Forwards(keeper=other, to=keeper.me, parts=parts):
+            case free_messages.Forwards(keeper=other, to=keeper.me, parts=parts):
                 for said in parts:
                     keeper.hear(other, said)
-            case CommitQuery(keeper=keeper.me, serial=serial):
+            case free_messages.CommitQuery(keeper=keeper.me, serial=serial):
                 keeper.fetch(serial)
             case Go():
                 pass  # for modules
@@ -87,7 +70,9 @@ class KeeperNode(Node):
         return self._said()
 
     def _may_speak(self, process: int, part: object) -> bool:
-        if not isinstance(part, Attempt | EnterRequest | Hold):
+        if not isinstance(
+            part, free_messages.Attempt | free_messages.EnterRequest | free_messages.Hold
+        ):
             return True
         return self._process_of.get(part.module) == process
 
@@ -98,11 +83,11 @@ class KeeperNode(Node):
             effects.append(Timer(TICK_S))
         return effects
 
-    def _put(self, message: FreeMessage) -> Put:
+    def _put(self, message: free_messages.FreeMessage) -> Put:
         match message:
-            case Forwards() | Replies() | TileUpdate():
+            case free_messages.Forwards() | free_messages.Replies() | free_messages.TileUpdate():
                 return self._outgoing.append(message)
-            case CommitLog():
+            case free_messages.CommitLog():
                 return self._outgoing.stamp(message)
             case _:
-                return Put(free_key(self._run, message), encode(message))
+                return Put(free_messages.free_key(self._run, message), encode(message))

@@ -4,8 +4,6 @@ It is started as ``python -m cubepath.agents.keepers.process`` with its `KeeperC
 when it is told to or with its parent.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@ one more than the greatest level of the commits on which it depends: the writers
 overwrites, and the readers of what it overwrites.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 

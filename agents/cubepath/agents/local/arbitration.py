@@ -7,8 +7,6 @@ it is lost. Ranks are a total order, so this defines one set, the greedy one in 
 executed actions commute pairwise, and no claim could be added.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,8 +4,6 @@
 alone, so a rule cannot see beyond its neighbourhood.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias

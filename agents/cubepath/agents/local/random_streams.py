@@ -11,8 +11,6 @@ Source: G. Steele, D. Lea and C. Flood, Fast splittable pseudorandom number gene
 6457827717110365317
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, TypeAlias

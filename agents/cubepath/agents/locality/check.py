@@ -9,8 +9,6 @@ and its own random stream. So a play in which anything else was different must h
 as the original run. Each play that has not is a finding, and so is each use of anything outside.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ cubepath.agents.locality.fork_server FD``, with its own hash seed. A client send
 pair of sockets; the forked process receives its task there and answers there.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import select

@@ -3,8 +3,6 @@
 The process is new, so nothing of the rule was loaded before.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -16,17 +14,7 @@ from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
-from cubepath.agents.locality.plays import (
-    FitQuestion,
-    ModuleLife,
-    ModuleReplay,
-    PlayResult,
-    PlayTask,
-    RuleChoice,
-    Surroundings,
-    WholeRun,
-    surrounding_scene,
-)
+from cubepath.agents.locality import plays
 from cubepath.agents.locality.traps import Traps, place
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
@@ -38,7 +26,7 @@ _NOBODY = -1
 """Instead of a module: the rule's file is loaded for all."""
 
 
-def played(task: PlayTask) -> PlayResult:
+def played(task: plays.PlayTask) -> plays.PlayResult:
     """Play a task; it changes the process permanently."""
     os.chdir(task.folder)
     _surround(task.conditions.environment)
@@ -53,25 +41,25 @@ def played(task: PlayTask) -> PlayResult:
             f"not for the {task.clock} clock: rule {task.rule!r}, expected one that says why it"
             " holds there"
         )
-    if isinstance(task.play, FitQuestion):
-        return PlayResult(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
+    if isinstance(task.play, plays.FitQuestion):
+        return plays.PlayResult(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
     if not rule.is_for(task.play.scene.system):
         raise InputError(f"{task.play.scene.spec}: not for this system: rule {task.rule!r}")
     traps.home = _home_of(module, home)
     before = _globals(module)
     sites: list[tuple[Any, ...]]
     try:
-        if not isinstance(task.play, WholeRun):
+        if not isinstance(task.play, plays.WholeRun):
             lives, sites = _replayed(task.play, rule, traps, task.clock), []
         elif task.clock == "free":
             lives, sites = _in_turns(task.play, rule, traps)
         else:
             lives, sites = _together(task.play, rule, traps)
     except InputError as error:  # from a rule that is not for this scene
-        return PlayResult(unfit=str(error), accesses=frozenset(traps.accesses))
+        return plays.PlayResult(unfit=str(error), accesses=frozenset(traps.accesses))
     after = _globals(module)
     changed = tuple(name for name in sorted(after) if before.get(name) != after[name])
-    return PlayResult(lives, sites, frozenset(traps.accesses), changed)
+    return plays.PlayResult(lives, sites, frozenset(traps.accesses), changed)
 
 
 def _surround(environment: int) -> None:
@@ -123,15 +111,15 @@ def _globals(module: Any) -> dict[str, str]:
     return found
 
 
-def _ask(actor: Actor | None, seen: Observation) -> RuleChoice:
+def _ask(actor: Actor | None, seen: Observation) -> plays.RuleChoice:
     """Ask a rule; an error is a choice too, so that errors can be compared."""
     if actor is None:
-        return RuleChoice(error="not made")
+        return plays.RuleChoice(error="not made")
     try:
         choice = actor.act({key: array.copy() for key, array in seen.items()})
     except RuleError as error:
-        return RuleChoice(error=_type_of(error))
-    return RuleChoice(
+        return plays.RuleChoice(error=_type_of(error))
+    return plays.RuleChoice(
         choice.action,
         choice.note,
         choice.failed,
@@ -149,22 +137,22 @@ def _type_of(error: RuleError) -> str:
 
 
 def _made(
-    rule: RuleType, knowledge: InitialKnowledge, life: ModuleLife, traps: Traps, clock: str
+    rule: RuleType, knowledge: InitialKnowledge, life: plays.ModuleLife, traps: Traps, clock: str
 ) -> Actor | None:
     with traps.asking(life.module, 0):
         try:
             return Actor(rule, knowledge, clock=clock)
         except RuleError as error:
-            life.choices.append(RuleChoice(error=_type_of(error)))
+            life.choices.append(plays.RuleChoice(error=_type_of(error)))
             return None
 
 
 def _all_made(
-    play: WholeRun, rule: RuleType, traps: Traps, clock: str
-) -> tuple[dict[int, ModuleLife], dict[int, Actor | None]]:
+    play: plays.WholeRun, rule: RuleType, traps: Traps, clock: str
+) -> tuple[dict[int, plays.ModuleLife], dict[int, Actor | None]]:
     """Make the rule for all modules, in the order of the play."""
     numbers = range(len(play.scene.start))
-    lives: dict[int, ModuleLife] = {}
+    lives: dict[int, plays.ModuleLife] = {}
     actors: dict[int, Actor | None] = {}
     for module in reversed(numbers) if play.backwards else numbers:
         knowledge = _knowledge(play.scene, module, play.seed)
@@ -174,8 +162,8 @@ def _all_made(
 
 
 def _together(
-    play: WholeRun, rule: RuleType, traps: Traps
-) -> tuple[dict[int, ModuleLife], list[tuple[Any, ...]]]:
+    play: plays.WholeRun, rule: RuleType, traps: Traps
+) -> tuple[dict[int, plays.ModuleLife], list[tuple[Any, ...]]]:
     scene = play.scene
     numbers = list(range(len(scene.start)))
     order = numbers[::-1] if play.backwards else numbers
@@ -204,8 +192,8 @@ def _together(
 
 
 def _in_turns(
-    play: WholeRun, rule: RuleType, traps: Traps
-) -> tuple[dict[int, ModuleLife], list[tuple[Any, ...]]]:
+    play: plays.WholeRun, rule: RuleType, traps: Traps
+) -> tuple[dict[int, plays.ModuleLife], list[tuple[Any, ...]]]:
     """Play without rounds; who acts when follows from the seed alone."""
     scene = play.scene
     lives, actors = _all_made(play, rule, traps, "free")
@@ -231,7 +219,7 @@ def _in_turns(
     return {module: lives[module] for module in sorted(lives)}, sites
 
 
-def _choice(chosen: RuleChoice) -> Choice:
+def _choice(chosen: plays.RuleChoice) -> Choice:
     return Choice(
         chosen.action,
         chosen.note,
@@ -252,8 +240,8 @@ def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
     )
 
 
-def _life(knowledge: InitialKnowledge) -> ModuleLife:
-    return ModuleLife(
+def _life(knowledge: InitialKnowledge) -> plays.ModuleLife:
+    return plays.ModuleLife(
         module=knowledge.module,
         modules=knowledge.modules,
         start=knowledge.start,
@@ -264,8 +252,8 @@ def _life(knowledge: InitialKnowledge) -> ModuleLife:
 
 
 def _replayed(
-    play: ModuleReplay, rule: RuleType, traps: Traps, clock: str
-) -> dict[int, ModuleLife]:
+    play: plays.ModuleReplay, rule: RuleType, traps: Traps, clock: str
+) -> dict[int, plays.ModuleLife]:
     recorded = play.life
     knowledge = InitialKnowledge(
         system=play.scene.system,
@@ -306,8 +294,8 @@ class _Others:
     def __init__(
         self,
         scene: Scene,
-        around: Surroundings | None,
-        life: ModuleLife,
+        around: plays.Surroundings | None,
+        life: plays.ModuleLife,
         rule: RuleType,
         traps: Traps,
         *,
@@ -350,7 +338,7 @@ class _Others:
             yield None, 0
             return
         setting = self._around.settings[round_number]
-        scene = surrounding_scene(self._scene, setting, self._around.goals)
+        scene = plays.surrounding_scene(self._scene, setting, self._around.goals)
         note_length = self._rule.length(self._life.modules, self._clock)
         world = World(scene, seed=self._around.seed, note_length=note_length)
         for index, number in enumerate(sorted(setting)):

@@ -6,8 +6,6 @@ conditions, the module and the round. So two plays differ only in what was chang
 Audit hooks note the rest: files, network, other processes, frames, what the collector knows.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import inspect
 import linecache

@@ -3,8 +3,6 @@
 The configuration travels over standard input, never on a command line.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """The configuration of a module process. The fleet and the simulator create it in the same way."""
 
-from __future__ import annotations
-
 import msgspec
 
 from cubepath.agents.rules.schedule import RecordedChoices

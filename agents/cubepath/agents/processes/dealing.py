@@ -4,8 +4,6 @@ Modules of one process exchange no messages between processes, so modules are di
 they start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from cubepath.protocol.core.sites import Site

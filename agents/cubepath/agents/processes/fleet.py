@@ -5,8 +5,6 @@ Alternatively its router is open to others, and some processes join from elsewhe
 sink, it receives every message as it was on the wire.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 import uuid

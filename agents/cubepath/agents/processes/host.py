@@ -5,8 +5,6 @@ with the run or with its parent. Zenoh callbacks only enqueue; the loop does all
 order of the queue.
 """
 
-from __future__ import annotations
-
 import sys
 
 from cubepath.agents.processes.config import ProcessConfig

@@ -4,8 +4,6 @@ It finds the run that waits at a router, asks for its configuration until it has
 serves as any module process does. It ends when it is told to, or when the coordinator is gone.
 """
 
-from __future__ import annotations
-
 import time
 import uuid
 from collections.abc import Callable

@@ -11,8 +11,6 @@ round with a given sender and reason is recorded immediately, with its first byt
 further ones follows when the round ends or the wait continues.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Literal, NoReturn, TypeAlias
@@ -21,40 +19,16 @@ from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
-from cubepath.protocol.wire.messages import (
-    MESSAGE_BYTES_MAX,
-    Bundle,
-    ChosenAction,
-    ChosenActions,
-    Claim,
-    Go,
-    Message,
-    NoMessageError,
-    Note,
-    Observations,
-    Part,
-    Presence,
-    Ready,
-    Reason,
-    Refused,
-    Reports,
-    Reset,
-    Retransmit,
-    Verdict,
-    Waiting,
-    decode,
-    encode,
-    kind_of,
-)
 from cubepath.protocol.wire.nodes import Keep
 
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
 """The phases in which modules say something to each other."""
-KINDS_IN: dict[str, tuple[type[Part], ...]] = {
-    "sense": (Presence, Note),
-    "claim": (Claim,),
-    "settle": (Verdict,),
+KINDS_IN: dict[str, tuple[type[wire.Part], ...]] = {
+    "sense": (wire.Presence, wire.Note),
+    "claim": (wire.Claim,),
+    "settle": (wire.Verdict,),
 }
 """What they say in each."""
 ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
@@ -74,13 +48,13 @@ class RefusedError(CubepathError):
     `process` is who said what is wrong, if that is not the sender of this message.
     """
 
-    def __init__(self, reason: Reason, why: str, process: int | None = None) -> None:
+    def __init__(self, reason: wire.Reason, why: str, process: int | None = None) -> None:
         super().__init__(why)
-        self.reason: Reason = reason
+        self.reason: wire.Reason = reason
         self.process = process
 
 
-def refuse(reason: Reason, why: str) -> NoReturn:
+def refuse(reason: wire.Reason, why: str) -> NoReturn:
     """Refuse a message."""
     raise RefusedError(reason, why)
 
@@ -99,36 +73,38 @@ class Judge:
         self._system = system
         self._checked: set[Site] = set()
 
-    def read(self, key: str, data: bytes) -> Message:
+    def read(self, key: str, data: bytes) -> wire.Message:
         """Return the message that was put on a key; RefusedError if it may not be there."""
-        if len(data) > MESSAGE_BYTES_MAX:
-            refuse("too large", f"{len(data)} bytes, expected at most {MESSAGE_BYTES_MAX}")
+        if len(data) > wire.MESSAGE_BYTES_MAX:
+            refuse("too large", f"{len(data)} bytes, expected at most {wire.MESSAGE_BYTES_MAX}")
         try:
-            message = decode(data)
-        except NoMessageError as error:
+            message = wire.decode(data)
+        except wire.NoMessageError as error:
             raise RefusedError("malformed", str(error)) from None
         if not belongs(self._run, key, message):
             where, due = topic_in_key(key), topic_in_key(key_of(self._run, message))
-            refuse("wrong key", f"{kind_of(message)} put on {where}, expected {due}")
+            refuse("wrong key", f"{wire.kind_of(message)} put on {where}, expected {due}")
         match message:
             case (
-                Ready()
-                | Bundle()
-                | Reports()
-                | Observations()
-                | ChosenActions()
-                | Retransmit()
-                | Waiting()
+                wire.Ready()
+                | wire.Bundle()
+                | wire.Reports()
+                | wire.Observations()
+                | wire.ChosenActions()
+                | wire.Retransmit()
+                | wire.Waiting()
             ):
                 if message.process >= len(self._modules_of):
                     refuse("foreign", f"this run has no process_{message.process}")
-            case Go() | Reset():
+            case wire.Go() | wire.Reset():
                 pass
             case _:
-                refuse("out of place", f"{kind_of(message)} is on record, and never on the wire")
+                refuse(
+                    "out of place", f"{wire.kind_of(message)} is on record, and never on the wire"
+                )
         return message
 
-    def check(self, said: Bundle) -> None:
+    def check(self, said: wire.Bundle) -> None:
         """Raise RefusedError if a bundle cannot be."""
         process, round_number = said.process, said.round
         kinds, process_of, checked = KINDS_IN[said.phase], self._process_of, self._checked
@@ -138,7 +114,7 @@ class Judge:
                 _refuse_part(said, part)
             if part.site not in checked:
                 self._check_sender(part)
-            if type(part) is not Presence:
+            if type(part) is not wire.Presence:
                 self._check_content(part)
         if len({(type(part), part.module) for part in said.parts}) != len(said.parts):
             refuse("doubled", f"process_{said.process} says something twice in one message")
@@ -152,13 +128,13 @@ class Judge:
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",
             )
 
-    def _check_content(self, part: Part) -> None:
+    def _check_content(self, part: wire.Part) -> None:
         match part:
-            case Note(note=note):
+            case wire.Note(note=note):
                 self._check_note(_name(part), note)
-            case Claim():
+            case wire.Claim():
                 self._check_claim(part)
-            case Verdict(to=to):
+            case wire.Verdict(to=to):
                 for place in to:
                     # A place without its label is no site of a labelled system, and still a place.
                     _check_site(part, place, self._system.check_place)
@@ -171,7 +147,7 @@ class Judge:
         if SILENT in note:
             refuse("malformed", f"{name}: {SILENT} stands for no note, expected more")
 
-    def _check_claim(self, claim: Claim) -> None:
+    def _check_claim(self, claim: wire.Claim) -> None:
         try:
             move = self._system.move_named(claim.site, claim.generator, claim.at)
         except _NO_PLACE:
@@ -180,7 +156,7 @@ class Judge:
             where = f"{claim.generator} at {_short(claim.at)}"
             refuse("impossible", f"{_name(claim)}: {where} is no move from there")
 
-    def _check_sender(self, part: Part) -> None:
+    def _check_sender(self, part: wire.Part) -> None:
         """Check the site of a sender, once."""
         _check_site(part, part.site, self._check_module_site)
         if len(self._checked) >= _SITES_MAX:
@@ -196,24 +172,26 @@ class Judge:
             if label is None or not 0 <= label < system.labels:
                 raise InputError("no such label")
 
-    def check_whole(self, message: Reports | Observations | ChosenActions) -> None:
+    def check_whole(self, message: wire.Reports | wire.Observations | wire.ChosenActions) -> None:
         """Check that a message has a part of this round for each module of its process."""
         modules = [part.module for part in message.parts]
         for part in message.parts:
             if self._process_of.get(part.module) != message.process:
                 refuse(
                     "foreign",
-                    f"{kind_of(part)} of module_{part.module}, which is not in"
+                    f"{wire.kind_of(part)} of module_{part.module}, which is not in"
                     f" process_{message.process}",
                 )
             if part.round != message.round:
-                refuse("out of place", f"{kind_of(part)} of round {part.round} in {message.round}")
-            if isinstance(part, ChosenAction) and part.note:
+                refuse(
+                    "out of place", f"{wire.kind_of(part)} of round {part.round} in {message.round}"
+                )
+            if isinstance(part, wire.ChosenAction) and part.note:
                 self._check_note(f"action for module_{part.module}", part.note)
         if sorted(modules) != self._modules_of[message.process]:
             refuse(
                 "malformed",
-                f"{kind_of(message)} of process_{message.process} for {len(modules)} modules,"
+                f"{wire.kind_of(message)} of process_{message.process} for {len(modules)} modules,"
                 f" expected one each for its {len(self._modules_of[message.process])}",
             )
 
@@ -223,11 +201,11 @@ _NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeE
 _SHORT_MAX = 80
 
 
-def _name(part: Part) -> str:
-    return f"{kind_of(part)} of module_{part.module}"
+def _name(part: wire.Part) -> str:
+    return f"{wire.kind_of(part)} of module_{part.module}"
 
 
-def _refuse_part(said: Bundle, part: Part) -> NoReturn:
+def _refuse_part(said: wire.Bundle, part: wire.Part) -> NoReturn:
     """Refuse what a process says for a module of another, or at another time."""
     when = f"round {part.round}, said in phase {said.phase} of round {said.round}"
     if part.round != said.round or type(part) not in KINDS_IN[said.phase]:
@@ -235,7 +213,7 @@ def _refuse_part(said: Bundle, part: Part) -> NoReturn:
     refuse("foreign", f"{_name(part)}, which is not in process_{said.process}")
 
 
-def _check_site(part: Part, site: Site, check: Callable[[Site], None]) -> None:
+def _check_site(part: wire.Part, site: Site, check: Callable[[Site], None]) -> None:
     """Refuse a part that names a site which does not pass a check."""
     try:
         check(site)
@@ -261,15 +239,15 @@ class Refusals:
         """Begin with none."""
         self.count = 0
         """How many there were so far."""
-        self.last: Refused | None = None
+        self.last: wire.Refused | None = None
         """The last that was recorded in full."""
-        self._known: dict[tuple[str, Reason], Refused] = {}
-        self._more: Counter[tuple[str, Reason]] = Counter()
+        self._known: dict[tuple[str, wire.Reason], wire.Refused] = {}
+        self._more: Counter[tuple[str, wire.Reason]] = Counter()
         self._round = -1
 
     def add(
         self, round_number: int, key: str, data: bytes, error: RefusedError
-    ) -> list[Keep[Refused]]:
+    ) -> list[Keep[wire.Refused]]:
         """Count a message that was refused; return what there is to tell of it now."""
         told = [] if round_number == self._round else self._begin(round_number)
         self.count += 1
@@ -281,7 +259,7 @@ class Refusals:
         if kind in self._known:
             self._more[kind] += 1
             return told
-        self._known[kind] = self.last = Refused(
+        self._known[kind] = self.last = wire.Refused(
             round=round_number,
             key=topic[:_KEY_MAX],
             sender=who,
@@ -292,25 +270,27 @@ class Refusals:
         )
         return [*told, _keep(self.last)]
 
-    def told(self) -> list[Keep[Refused]]:
+    def told(self) -> list[Keep[wire.Refused]]:
         """Return how many more there were of each kind since this was asked."""
         found = []
         for kind, more in self._more.items():
             first = self._known[kind]
             found.append(
                 _keep(
-                    Refused(first.round, first.key, first.sender, first.reason, first.detail, more)
+                    wire.Refused(
+                        first.round, first.key, first.sender, first.reason, first.detail, more
+                    )
                 )
             )
         self._more.clear()
         return found
 
-    def _begin(self, round_number: int) -> list[Keep[Refused]]:
+    def _begin(self, round_number: int) -> list[Keep[wire.Refused]]:
         found = self.told()
         self._known.clear()
         self._round = round_number
         return found
 
 
-def _keep(refused: Refused) -> Keep[Refused]:
-    return Keep(encode(refused), refused)
+def _keep(refused: wire.Refused) -> Keep[wire.Refused]:
+    return Keep(wire.encode(refused), refused)

@@ -4,8 +4,6 @@ A phase begins once everything sent in the previous one has arrived. A message t
 missed is sent again.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache

@@ -7,8 +7,6 @@ repeats its request every `ASK_S`, so one that has been silent for `FORGET_S` co
 Zenoh's liveliness tokens show who is alive, across restarts of the router.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Where the processes of a run meet, and how many of them join from elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,24 +6,14 @@ everything of a phase has arrived. Late, duplicate or reordered messages make no
 node asks again for missing ones. A refused message (`judge`) has no effect.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import STAY, Observation, goal_sets
+from cubepath.agents.processes import judge
 from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
-from cubepath.agents.processes.judge import (
-    ASK_S_MAX,
-    ASK_S_MIN,
-    BEFORE,
-    ORDER,
-    Judge,
-    RefusedError,
-    Spoken,
-)
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
@@ -32,22 +22,8 @@ from cubepath.agents.rules.schedule import as_recorded, scheduled
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
-from cubepath.protocol.wire.messages import (
-    Bundle,
-    ChosenActions,
-    Go,
-    Message,
-    ModuleObservation,
-    Observations,
-    Part,
-    Ready,
-    Reports,
-    Reset,
-    Retransmit,
-    Waiting,
-    encode,
-)
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
@@ -65,7 +41,7 @@ class HostNode:
         self._config = config
         self._scene = scene_from_toml(config.scene, "the configuration") if scene is None else scene
         self._system = self._scene.system
-        self._judge = Judge(config.run, config.processes, self._system)
+        self._judge = judge.Judge(config.run, config.processes, self._system)
         self._rule: RuleType | None = None
         if config.rule != OUTSIDE:
             self._rule = rule_named(config.rule, self._system)
@@ -76,11 +52,11 @@ class HostNode:
         config, scene = self._config, self._scene
         self._seed = seed
         self._actors: dict[int, Actor] = {}
-        self._at = (round_number, ORDER["join"])
+        self._at = (round_number, judge.ORDER["join"])
         self._phase: str = "join"
         self._round = round_number
-        self._pending: Go | None = None
-        self._given: dict[int, ChosenActions] = {}
+        self._pending: wire.Go | None = None
+        self._given: dict[int, wire.ChosenActions] = {}
         self._inbox = Inbox()
         self._outbox = Outbox(scene.system, config.run, config.process, round_number)
         self._answers: list[Put] = []
@@ -132,7 +108,7 @@ class HostNode:
         return [Listen((*keys, *self._keys_of(self._within))), *self._join()]
 
     def _join(self) -> list[Effect]:
-        return [*self._answer(Ready(self._round, self._config.process, "join")), *self._wait()]
+        return [*self._answer(wire.Ready(self._round, self._config.process, "join")), *self._wait()]
 
     def _keys_of(self, regions: Iterable[str]) -> tuple[str, ...]:
         return tuple(to_region(self._config.run, region) for region in sorted(regions))
@@ -141,20 +117,20 @@ class HostNode:
         """Take a message; what is refused, or not for a process, has no effect."""
         try:
             return self._receive(self._judge.read(key, data))
-        except RefusedError:
+        except judge.RefusedError:
             return []  # the coordinator hears it too, and puts it on record
 
-    def _receive(self, message: Message) -> list[Effect]:
+    def _receive(self, message: wire.Message) -> list[Effect]:
         match message:
-            case Bundle():
+            case wire.Bundle():
                 return self._hear(message)
-            case Go():
+            case wire.Go():
                 return self._go(message)
-            case Retransmit():
+            case wire.Retransmit():
                 return list(self._repeated(message))
-            case ChosenActions():
+            case wire.ChosenActions():
                 return self._take_acts(message)
-            case Reset():
+            case wire.Reset():
                 return self._reset(message)
             case _:
                 return []  # a stranger put it there
@@ -165,7 +141,7 @@ class HostNode:
             return [*self._answers, *self._wait()]
         found: list[Effect] = []
         if self._pending is not None:
-            before = BEFORE.get(self._pending.phase)
+            before = judge.BEFORE.get(self._pending.phase)
             if before is not None:
                 found += [self._ask(before, region) for region in self._missing(self._pending)]
         elif self._phase == "settle" and not self._answers:
@@ -180,7 +156,7 @@ class HostNode:
     def _wait(self) -> list[Effect]:
         """Set the timer, each time for longer until `_go_on`."""
         wait_s = self._wait_s
-        self._wait_s = ASK_S_MIN if wait_s is None else min(2 * wait_s, ASK_S_MAX)
+        self._wait_s = judge.ASK_S_MIN if wait_s is None else min(2 * wait_s, judge.ASK_S_MAX)
         return [Timer(self._wait_s)]
 
     def _go_on(self) -> list[Effect]:
@@ -190,30 +166,30 @@ class HostNode:
         self._wait_s = None
         return [Timer(None)]
 
-    def _ask(self, phase: Spoken, region: str) -> Put:
-        message = Retransmit(self._round, self._config.process, phase, region)
-        return Put(key_of(self._config.run, message), encode(message))
+    def _ask(self, phase: judge.Spoken, region: str) -> Put:
+        message = wire.Retransmit(self._round, self._config.process, phase, region)
+        return Put(key_of(self._config.run, message), wire.encode(message))
 
-    def _repeated(self, again: Retransmit) -> Iterable[Put]:
+    def _repeated(self, again: wire.Retransmit) -> Iterable[Put]:
         repeats = self._repeats.get(again.process, 0)
         if again.round != self._round or repeats >= _REPEATS_MAX:
             return ()
         self._repeats[again.process] = repeats + 1
         return self._outbox.said_to(again.phase, again.region)
 
-    def _answer(self, *messages: Message) -> list[Put]:
+    def _answer(self, *messages: wire.Message) -> list[Put]:
         """Answer the coordinator; the answer is repeated if it asks again."""
-        puts = [Put(key_of(self._config.run, each), encode(each)) for each in messages]
+        puts = [Put(key_of(self._config.run, each), wire.encode(each)) for each in messages]
         self._answers += puts
         return puts
 
-    def _ready(self, phase: Literal["sense", "observe", "claim", "settle", "over"]) -> Ready:
+    def _ready(self, phase: Literal["sense", "observe", "claim", "settle", "over"]) -> wire.Ready:
         counts = self._outbox.counts(phase)
-        return Ready(self._round, self._config.process, phase, counts)
+        return wire.Ready(self._round, self._config.process, phase, counts)
 
     # Incoming messages.
 
-    def _hear(self, said: Bundle) -> list[Effect]:
+    def _hear(self, said: wire.Bundle) -> list[Effect]:
         """Keep a bundle for the end of its phase; verdicts are given immediately."""
         if not self._awaits(said) or self._inbox.knows(said):
             return []
@@ -223,7 +199,7 @@ class HostNode:
             return self._conclude(self._tell_own(self._give(said)))
         return self._try_to_begin()
 
-    def _awaits(self, said: Bundle) -> bool:
+    def _awaits(self, said: wire.Bundle) -> bool:
         """Return whether a bundle's phase is still to come or under way; else it is a double."""
         if said.process == self._config.process or said.region not in self._within:
             return False
@@ -237,10 +213,10 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, said: Bundle) -> list[Part]:
+    def _give(self, said: wire.Bundle) -> list[wire.Part]:
         """Give modules what is addressed to their places; return what they say to it."""
         there = self._within.get(said.region)
-        found: list[Part] = []
+        found: list[wire.Part] = []
         if there:
             system = self._system
             for part in said.parts:
@@ -250,24 +226,24 @@ class HostNode:
                         found += core.hear(part)
         return found
 
-    def _missing(self, go: Go) -> list[str]:
+    def _missing(self, go: wire.Go) -> list[str]:
         """Return the regions of the modules to which more was sent than has arrived."""
-        before = BEFORE.get(go.phase)
+        before = judge.BEFORE.get(go.phase)
         if before is None:
             return []
         heard = self._inbox.counts(go.round, before) + Counter(self._outbox.counts(before))
         return [region for region in sorted(self._within) if heard[region] < go.sent.get(region, 0)]
 
-    def _deliver(self, round_number: int, phase: Spoken) -> None:
+    def _deliver(self, round_number: int, phase: judge.Spoken) -> None:
         """Give modules everything that modules of other processes sent in a phase."""
         for said in self._inbox.take(round_number, phase):
             self._give(said)
 
     # Outgoing messages.
 
-    def _tell_own(self, parts: Iterable[Part]) -> list[Part]:
+    def _tell_own(self, parts: Iterable[wire.Part]) -> list[wire.Part]:
         """Give what own modules say to own modules; return all messages, answers included."""
-        said: list[Part] = []
+        said: list[wire.Part] = []
         queue = deque(parts)
         while queue:
             part = queue.popleft()
@@ -280,10 +256,10 @@ class HostNode:
 
     # The phases.
 
-    def _go(self, go: Go) -> list[Effect]:
+    def _go(self, go: wire.Go) -> list[Effect]:
         if go.phase == "stop":
             return [End()]
-        at = (go.round, ORDER[go.phase])
+        at = (go.round, judge.ORDER[go.phase])
         if at == self._at:
             return self._repeat()
         if at < self._at or not self._follows(go):
@@ -295,7 +271,7 @@ class HostNode:
             found.append(self._waiting(go.round, go.phase))
         return found
 
-    def _follows(self, go: Go) -> bool:
+    def _follows(self, go: wire.Go) -> bool:
         """Return whether the phase is the next one.
 
         A process that came back without its memory is asked for a later one. It does not take part:
@@ -312,8 +288,8 @@ class HostNode:
 
     def _waiting(self, round_number: int, phase: str) -> Put:
         """Say that the process is there, but cannot do the phase without others."""
-        message = Waiting(round_number, self._config.process, phase)
-        return Put(key_of(self._config.run, message), encode(message))
+        message = wire.Waiting(round_number, self._config.process, phase)
+        return Put(key_of(self._config.run, message), wire.encode(message))
 
     def _repeat(self) -> list[Effect]:
         """Repeat all messages of this phase."""
@@ -330,13 +306,13 @@ class HostNode:
         ):
             return self._wait() if self._wait_s is None else []
         self._pending = None
-        self._at = (go.round, ORDER[go.phase])
+        self._at = (go.round, judge.ORDER[go.phase])
         self._phase = go.phase
         self._answers = []
         before = self._go_on()
         return [*before, *self._work(go)]
 
-    def _work(self, go: Go) -> list[Effect]:
+    def _work(self, go: wire.Go) -> list[Effect]:
         """Do what is to be done in a phase."""
         match go.phase:
             case "sense":
@@ -368,7 +344,7 @@ class HostNode:
             _observed(self._round, module, core.observation())
             for module, core in self._cores.items()
         ]
-        sent = Observations(self._round, self._config.process, observed)
+        sent = wire.Observations(self._round, self._config.process, observed)
         return [*self._answer(sent, self._ready("observe"))]
 
     def _hear_senses(self) -> None:
@@ -378,7 +354,7 @@ class HostNode:
 
     def _claim(self) -> list[Effect]:
         self._hear_senses()
-        claims: list[Part] = []
+        claims: list[wire.Part] = []
         if self._rule is None:
             for act in self._given.pop(self._round).parts:
                 core = self._cores[act.module]
@@ -400,12 +376,12 @@ class HostNode:
             said += self._tell_own(self._give(verdicts))
         return self._conclude(said)
 
-    def _conclude(self, parts: list[Part]) -> list[Effect]:
+    def _conclude(self, parts: list[wire.Part]) -> list[Effect]:
         """Say the verdicts; report if all modules are through with the round."""
         found: list[Effect] = [*self._outbox.say("settle", parts)]
         if not all(core.finished for core in self._cores.values()):
             return [*found, *self._wait()] if self._wait_s is None else found
-        reports = Reports(
+        reports = wire.Reports(
             self._round, self._config.process, [core.report() for core in self._cores.values()]
         )
         # Listen at the new places before reporting that the round is done: messages of the next
@@ -435,7 +411,7 @@ class HostNode:
 
     # Driven from outside.
 
-    def _take_acts(self, acts: ChosenActions) -> list[Effect]:
+    def _take_acts(self, acts: wire.ChosenActions) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
             return []
         if acts.process != self._config.process:
@@ -444,8 +420,8 @@ class HostNode:
         self._given.setdefault(acts.round, acts)
         return self._try_to_begin()
 
-    def _reset(self, reset: Reset) -> list[Effect]:
-        at = (reset.round, ORDER["join"])
+    def _reset(self, reset: wire.Reset) -> list[Effect]:
+        at = (reset.round, judge.ORDER["join"])
         if at == self._at:
             return [*self._answers]
         if at < self._at:
@@ -461,8 +437,8 @@ class HostNode:
         return [*found, *self._join()]
 
 
-def _observed(round_number: int, module: int, seen: Observation) -> ModuleObservation:
-    return ModuleObservation(
+def _observed(round_number: int, module: int, seen: Observation) -> wire.ModuleObservation:
+    return wire.ModuleObservation(
         round=round_number,
         module=module,
         observation=seen["observation"].tolist(),

@@ -8,8 +8,6 @@ messages. It judges what arrives; a refused message changes nothing and is noted
 (`Refusals`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 

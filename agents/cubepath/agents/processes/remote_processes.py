@@ -4,8 +4,6 @@ A session answers requests for a configuration and watches which processes are a
 only enqueue; `look` does the work.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ A module knows the claims that conflict with its own and receives the verdicts o
 it; the rest follows. A process that receives all of it can name the module that broke the rule.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from cubepath.agents.local.arbitration import (

@@ -4,8 +4,6 @@ It draws only what it is given. On a map y counts downwards, vehicles are discs,
 no places are walls.
 """
 
-from __future__ import annotations
-
 from cmath import phase
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +12,7 @@ from math import ceil, floor, pi, sqrt
 
 import numpy as np
 
+from cubepath.agents.rendering import style
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     PlacePen,
@@ -29,24 +28,6 @@ from cubepath.agents.rendering.places import (
     place_marks,
     place_pen,
     square_solid,
-)
-from cubepath.agents.rendering.style import (
-    LINE,
-    TILE,
-    WALL,
-    Box,
-    Mark,
-    MovingPart,
-    Pen,
-    Pivot,
-    Points,
-    Shot,
-    Spot,
-    Style,
-    arcs,
-    cell_of,
-    known_places,
-    marks_of,
 )
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
@@ -65,14 +46,14 @@ class _Rows:
     stretch: float
     up: int
 
-    def middle(self, _system: System, place: Site) -> Spot:
+    def middle(self, _system: System, place: Site) -> style.Spot:
         return self.spot(place)
 
-    def spot(self, place: Site) -> Spot:
-        x, y = cell_of(place)
+    def spot(self, place: Site) -> style.Spot:
+        x, y = style.cell_of(place)
         return x + self.slant * y, self.up * y * self.stretch
 
-    def cells(self, system: System, box: Box) -> list[tuple[int, int]]:
+    def cells(self, system: System, box: style.Box) -> list[tuple[int, int]]:
         """Return the cells in a box; on an endless lattice, one more on each side."""
         left, right, low, high = _wider(system, box)
         return [
@@ -81,14 +62,14 @@ class _Rows:
             for column in range(ceil(left - self.slant * row), floor(right - self.slant * row) + 1)
         ]
 
-    def shows(self, system: System, box: Box, place: Site) -> bool:
+    def shows(self, system: System, box: style.Box, place: Site) -> bool:
         """Return whether a cell is one of those in a box."""
         left, right, low, high = _wider(system, box)
         x, y = self.spot(place)
         return left <= x <= right and low <= y <= high
 
 
-def _wider(system: System, box: Box) -> Box:
+def _wider(system: System, box: style.Box) -> style.Box:
     left, right, low, high = box
     more = 0 if system.bounded else 1
     return left - more, right + more, low - more, high + more
@@ -98,37 +79,37 @@ _HEXAGON_ROWS, _SQUARE_ROWS, _MAP_ROWS = _Rows(0.5, sqrt(3) / 2, 1), _Rows(0, 1,
 
 
 @cache
-def _hexagon(kind: str) -> Points:
+def _hexagon(kind: str) -> style.Points:
     size = {"module": 0.93, "goal": 0.86, "cell": 1.0}[kind]
-    return arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
+    return style.arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
 
 
 @cache
-def _square(kind: str) -> Points:
+def _square(kind: str) -> style.Points:
     corner = 0.05 if kind == "cell" else 0.14
     half = 0.47 if kind == "cell" else 0.44
     inner = half - corner
-    return arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
+    return style.arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
 
 
 def _free_cells(pen: PlacePen, cells: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
     free = [cell for cell in cells if pen.system.has_place(cell)]
     if len(free) <= FREE_MAX:
-        pen.draw("cell", free, facecolors=TILE, edgecolors="white", linewidths=pen.line(0.06))
+        pen.draw("cell", free, facecolors=style.TILE, edgecolors="white", linewidths=pen.line(0.06))
     return free
 
 
 def _lattice_ground(rows: _Rows, pen: PlacePen) -> None:
     """Draw free cells pale, and the obstacles of either kind."""
     system = pen.system
-    cells = [cell_of(site) for site in system.empty | system.filled]
+    cells = [style.cell_of(site) for site in system.empty | system.filled]
     left, right, low, high = pen.box
     # Too many to be drawn would take long only to be found.
     if system.bounded or (right - left) * (high - low) / rows.stretch <= FREE_MAX + len(cells):
         cells = rows.cells(system, pen.box)
         _free_cells(pen, cells)
-    pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=LINE)
-    pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
+    pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=style.LINE)
+    pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=style.WALL)
 
 
 def _map_ground(rows: _Rows, pen: PlacePen) -> None:
@@ -136,11 +117,11 @@ def _map_ground(rows: _Rows, pen: PlacePen) -> None:
     system = pen.system
     cells = rows.cells(system, pen.box)
     free = _free_cells(pen, cells)
-    pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=WALL)
-    pen.strokes(_walls(system, free), colors=WALL, linewidths=pen.line(0.1))
+    pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=style.WALL)
+    pen.strokes(_walls(system, free), colors=style.WALL, linewidths=pen.line(0.1))
 
 
-def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[Points]:
+def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[style.Points]:
     return [
         np.array([(x + 0.5, -y - 0.5), (x + dx - 0.5, -y - dy + 0.5)])
         for x, y in free
@@ -150,7 +131,7 @@ def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[Points]:
 
 
 def _draw_cells(
-    pen: Pen,
+    pen: style.Pen,
     scene: Scene,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
@@ -165,11 +146,11 @@ def _draw_cells(
     draw_places(places, scene, sites, moved, words)
 
 
-def _behind(pen: Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bool) -> None:
+def _behind(pen: style.Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bool) -> None:
     (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
 
 
-def _hexagon_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
+def _hexagon_pivot(action: Action, source: Site, target: Site) -> style.Pivot | None:
     """Return how a hexagon turns about a corner of the one module that the move needs beside it.
 
     Two neighbouring hexagons have two common neighbours. If just one of them is on throughout the
@@ -184,7 +165,7 @@ def _hexagon_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
     return _turned(about, phase((other - about) / (one - about)))
 
 
-def _square_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
+def _square_pivot(action: Action, source: Site, target: Site) -> style.Pivot | None:
     """Return how a square turns about a corner of a module that the move needs beside it.
 
     One that comes to a cell diagonally across turns by half, around the one module that stays on
@@ -192,7 +173,7 @@ def _square_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
     stay on at one side, if the move needs the two cells at the other side free, which it sweeps;
     otherwise it slides.
     """
-    one, other = complex(*cell_of(source)), complex(*cell_of(target))
+    one, other = complex(*style.cell_of(source)), complex(*style.cell_of(target))
     way, middle = other - one, (one + other) / 2
     if abs(way.real) == abs(way.imag) == 1:
         sides = [complex(one.real, other.imag), complex(other.real, one.imag)]
@@ -213,8 +194,8 @@ def _square_pivot(action: Action, source: Site, target: Site) -> Pivot | None:
     return None
 
 
-def _turned(about: complex, angle: float) -> Pivot:
-    return Pivot((about.real, about.imag), angle)
+def _turned(about: complex, angle: float) -> style.Pivot:
+    return style.Pivot((about.real, about.imag), angle)
 
 
 def _cell_at(spot: complex) -> Site:
@@ -231,37 +212,37 @@ def _stays_off(action: Action, cell: Site) -> bool:
 
 
 def _neighbours(cell: Site) -> frozenset[Site]:
-    x, y = cell_of(cell)
+    x, y = style.cell_of(cell)
     return frozenset((x + dx, y + dy) for dx, dy in HEX_DIRECTIONS)
 
 
 def _marks(
-    scene: Scene, shots: Sequence[Shot], box: Box, *, rows: _Rows, on_map: bool
-) -> Iterator[Mark]:
+    scene: Scene, shots: Sequence[style.Shot], box: style.Box, *, rows: _Rows, on_map: bool
+) -> Iterator[style.Mark]:
     yield from place_marks(scene, shots, discs=on_map)
     system = scene.system
     if on_map:
         cells = rows.cells(system, box)
         free = [cell for cell in cells if system.has_place(cell)]
         if len(free) < len(cells) or _walls(system, free):
-            yield Mark("wall", face=WALL)
+            yield style.Mark("wall", face=style.WALL)
         return
     if any(rows.shows(system, box, site) for site in system.filled):
-        yield Mark("obstacle", face=WALL)
+        yield style.Mark("obstacle", face=style.WALL)
     if any(rows.shows(system, box, site) for site in system.empty):
-        yield Mark("kept free", face=LINE)
+        yield style.Mark("kept free", face=style.LINE)
 
 
 def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) -> str:
     """Return rows of cells; hexagons stand in rows offset by half a cell."""
     system = scene.system
-    marks = marks_of(scene, sites)
+    marks = style.marks_of(scene, sites)
     width = max(len(mark.rstrip("*")) for mark in marks.values())
     # On an endless lattice, leave room for one more module on every side of the scene.
     margin = 0 if system.bounded else 1
     rows, columns = set(), set()
-    for places, free in ((known_places(scene), margin), (marks, 0)):
-        for cell in map(cell_of, places):
+    for places, free in ((style.known_places(scene), margin), (marks, 0)):
+        for cell in map(style.cell_of, places):
             # A hexagon (q, r) lies in row r, at 2 q + r half cells; a square (x, y) at 2 x.
             middle = 2 * cell[0] + (cell[1] if hexagons else 0)
             rows |= {cell[1] - free, cell[1] + free}
@@ -287,8 +268,10 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
     return "\n".join(lines)
 
 
-def _style(look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
-    moving = MovingPart(
+def _style(
+    look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False
+) -> style.Style:
+    moving = style.MovingPart(
         behind=partial(_behind, look=look, rows=rows, on_map=on_map),
         before=partial(draw_goals_alone, look=look),
         body=partial(place_body, look),
@@ -296,7 +279,7 @@ def _style(look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: boo
     )
     if not on_map:  # vehicles drive
         moving = replace(moving, pivot=_hexagon_pivot if hexagons else _square_pivot)
-    return Style(
+    return style.Style(
         text=partial(_text, hexagons=hexagons, on_map=on_map),
         frame=partial(frame_of, look),
         extent=partial(extent_of, look),

@@ -3,34 +3,12 @@
 It draws only what it is given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.style import (
-    GHOST,
-    INK,
-    PALE_GOAL,
-    WALL,
-    Body,
-    Box,
-    Mark,
-    MovingPart,
-    Pen,
-    Points,
-    Shot,
-    Solid,
-    Spot,
-    Style,
-    arcs,
-    bar,
-    frame_around,
-    readable,
-    spot_of,
-)
+from cubepath.agents.rendering import style
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System
@@ -87,9 +65,9 @@ def _mark(system: System, marks: Mapping[Site, str], chord: Site) -> str:
     return marks.get(chord) or (" " if system.background(chord) == CLOSED else ".")
 
 
-def _spots(system: System) -> dict[Site, Spot]:
+def _spots(system: System) -> dict[Site, style.Spot]:
     """Return where the points lie, in cells."""
-    known = np.array([spot_of(system, point) for point in system.positions])
+    known = np.array([style.spot_of(system, point) for point in system.positions])
     spread = known.max(axis=0) - known.min(axis=0)
     area = max(float(spread[0] * spread[1]), 1e-3 * float(spread.max()) ** 2)
     apart = _APART if len(known) <= _FEW else _WIDER
@@ -98,12 +76,12 @@ def _spots(system: System) -> dict[Site, Spot]:
     return {point: (x, y) for point, (x, y) in zip(system.positions, cells.tolist(), strict=True)}
 
 
-def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
-    return frame_around(_spots(scene.system).values(), _MARGIN)
+def _frame(scene: Scene, _also: Iterable[Site]) -> style.Box:
+    return style.frame_around(_spots(scene.system).values(), _MARGIN)
 
 
 def _draw(
-    pen: Pen,
+    pen: style.Pen,
     scene: Scene,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
@@ -114,10 +92,10 @@ def _draw(
     The goal lies below as pink bands. If a chord has just flipped, its quadrilateral is tinted, and
     the chord has a dark outline. `words` numbers the points.
     """
-    system, written = scene.system, readable(pen, words)
+    system, written = scene.system, style.readable(pen, words)
     spots = _spots(system)
 
-    def line(chord: Site) -> Points:
+    def line(chord: Site) -> style.Points:
         return _line(spots, chord)
 
     colours = pen.palette(len(sites))
@@ -128,33 +106,33 @@ def _draw(
         pen.shapes([np.array([a, c, b, d])], facecolors=[hue], alpha=0.3, linewidths=0)
     _behind(pen, scene)
     stirred = [line(sites[number]) for number in moved]
-    pen.strokes(stirred, colors=INK, linewidths=thick + 2 * pen.line(0.05))
+    pen.strokes(stirred, colors=style.INK, linewidths=thick + 2 * pen.line(0.05))
     pen.strokes([line(site) for site in sites], colors=colours, linewidths=thick)
     _points(pen, scene, written=written)
 
 
-def _line(spots: Mapping[Site, Spot], chord: Site) -> Points:
+def _line(spots: Mapping[Site, style.Spot], chord: Site) -> style.Points:
     return np.array([spots[end] for end in _ends(chord)])
 
 
-def _thickness(pen: Pen) -> float:
+def _thickness(pen: style.Pen) -> float:
     return pen.line(_THICK, 1.0, 6.0)
 
 
-def _behind(pen: Pen, scene: Scene) -> None:
+def _behind(pen: style.Pen, scene: Scene) -> None:
     """Draw the goal as bands, and the edges that stay."""
     spots, thick = _spots(scene.system), _thickness(pen)
     pen.strokes(
         [_line(spots, chord) for chord in scene.goal or ()],
-        colors=PALE_GOAL,
+        colors=style.PALE_GOAL,
         linewidths=(2.6 if len(spots) <= _FEW else 1.9) * thick,
         capstyle="round",
     )
     fixed = [_line(spots, chord) for chord in scene.system.filled]
-    pen.strokes(fixed, colors=WALL, linewidths=0.6 * thick, capstyle="round")
+    pen.strokes(fixed, colors=style.WALL, linewidths=0.6 * thick, capstyle="round")
 
 
-def _closest(spots: Iterable[Spot]) -> float:
+def _closest(spots: Iterable[style.Spot]) -> float:
     """Return the least distance of two points, in cells."""
     known = np.array(list(spots))
     return min(
@@ -163,16 +141,16 @@ def _closest(spots: Iterable[Spot]) -> float:
     )
 
 
-def _beside(spots: Mapping[Site, Spot], box: Box) -> dict[Site, Spot]:
+def _beside(spots: Mapping[Site, style.Spot], box: style.Box) -> dict[Site, style.Spot]:
     """Return where the numbers of points are written that have no room for them inside.
 
     One after another they are put to the side where other points and numbers are farthest off.
     """
     left, right, low, high = box
     taken = [np.array(spot) for spot in spots.values()]
-    found: dict[Site, Spot] = {}
+    found: dict[Site, style.Spot] = {}
     for own, (point, spot) in enumerate(spots.items()):
-        sides = np.array(spot) + arcs([(0.0, 0.0)], _AWAY, corners=_SIDES)
+        sides = np.array(spot) + style.arcs([(0.0, 0.0)], _AWAY, corners=_SIDES)
         others = np.array([other for number, other in enumerate(taken) if number != own])
         room = np.hypot(*(sides[:, None] - others).T).min(axis=0)
         edges = np.stack(
@@ -186,7 +164,7 @@ def _beside(spots: Mapping[Site, Spot], box: Box) -> dict[Site, Spot]:
     return found
 
 
-def _points(pen: Pen, scene: Scene, *, written: bool = True) -> None:
+def _points(pen: style.Pen, scene: Scene, *, written: bool = True) -> None:
     """Draw the points, and their numbers where they are written: in them, or else beside them."""
     spots = _spots(scene.system)
     inside = written and _closest(spots.values()) >= 2 * _DISC
@@ -194,23 +172,23 @@ def _points(pen: Pen, scene: Scene, *, written: bool = True) -> None:
     names = spots if inside else _beside(spots, pen.box)
     for point, spot in names.items() if written else ():
         if not inside:
-            pen.shapes([arcs([spot], _NAME)], facecolors="white", alpha=0.75, linewidths=0)
+            pen.shapes([style.arcs([spot], _NAME)], facecolors="white", alpha=0.75, linewidths=0)
         pen.write(spot, str(point), None, size=_INSIDE if inside else _OUTSIDE)
 
 
-def _body(scene: Scene, site: Site) -> Body:
+def _body(scene: Scene, site: Site) -> style.Body:
     one, other = _line(_spots(scene.system), site).tolist()
-    return Body("bar", (one[0], one[1]), (other[0], other[1]))
+    return style.Body("bar", (one[0], one[1]), (other[0], other[1]))
 
 
-def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+def _marks(scene: Scene, shots: Sequence[style.Shot], _box: style.Box) -> Iterator[style.Mark]:
     if scene.goal:
-        yield Mark("goal", face=PALE_GOAL)
+        yield style.Mark("goal", face=style.PALE_GOAL)
     if scene.system.filled:
-        yield Mark("fixed edge", face=WALL)
+        yield style.Mark("fixed edge", face=style.WALL)
     if any(moved for _, moved in shots):
-        yield Mark("has just flipped", edge=INK)
-        yield Mark("quadrilateral of a flip", face=GHOST)
+        yield style.Mark("has just flipped", edge=style.INK)
+        yield style.Mark("quadrilateral of a flip", face=style.GHOST)
 
 
 def _ends(chord: Site) -> tuple[Site, Site]:
@@ -219,18 +197,18 @@ def _ends(chord: Site) -> tuple[Site, Site]:
     raise InputError(f"a chord is a pair of points, found {chord!r}")
 
 
-def _solid(system: System, site: Site) -> Solid:
+def _solid(system: System, site: Site) -> style.Solid:
     one, other = _ends(site)
     spots = _spots(system)
-    return bar(spots[one], spots[other])
+    return style.bar(spots[one], spots[other])
 
 
-CHORDS = Style(
+CHORDS = style.Style(
     text=_text,
     frame=_frame,
     extent=_frame,
     draw=_draw,
     marks=_marks,
     solid=_solid,
-    moving=MovingPart(_body, _behind, _points, thick=_THICK),
+    moving=style.MovingPart(_body, _behind, _points, thick=_THICK),
 )

@@ -4,50 +4,12 @@ A picture of lattice edges may also hold vertices, each with a letter
 (`cubepath.protocol.scenes.families.arms`): a marked vertex is drawn as a mark, a free one not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from math import ceil, floor, pi
 
-from cubepath.agents.rendering.places import (
-    FREE_MAX,
-    PlacePen,
-    PlaceShape,
-    draw_modules,
-    extent_of,
-    frame_of,
-    place_pen,
-)
-from cubepath.agents.rendering.style import (
-    ARRIVED_MARK,
-    GOAL_MARK,
-    INK,
-    LINE,
-    MODULE_MARK,
-    PALE_GOAL,
-    WALL,
-    Body,
-    Box,
-    Colour,
-    Mark,
-    MovingPart,
-    Pen,
-    Points,
-    Shot,
-    Solid,
-    Spot,
-    Style,
-    arcs,
-    bar,
-    disc_at,
-    known_places,
-    marks_of,
-    moves_marks,
-    palette,
-    tips_of,
-)
+from cubepath.agents.rendering import places, style
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
@@ -105,65 +67,65 @@ def vertex_of(site: Site) -> Vertex | None:
     return None
 
 
-def _middle(_system: System, place: Site) -> Spot:
-    (left, low), (right, top) = tips_of(place)
+def _middle(_system: System, place: Site) -> style.Spot:
+    (left, low), (right, top) = style.tips_of(place)
     return (left + right) / 2, (low + top) / 2
 
 
 @cache
-def _flat(kind: str) -> Points:
+def _flat(kind: str) -> style.Points:
     half = {"module": 0.15, "goal": 0.26, "cell": 0.02}[kind]
-    return arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
+    return style.arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
 
 
-def _outline(kind: str, place: Site) -> Points:
+def _outline(kind: str, place: Site) -> style.Points:
     upright = isinstance(place, tuple) and place[2] == 1
     return _flat(kind)[:, ::-1] if upright else _flat(kind)
 
 
-_LOOK = PlaceShape(_middle, _outline, 0.7)
+_LOOK = places.PlaceShape(_middle, _outline, 0.7)
 _MARK = 0.34
 """The diameter of a mark."""
-_DARK: Colour = (0.133, 0.145, 0.165)
+_DARK: style.Colour = (0.133, 0.145, 0.165)
 
 
 def _draw(
-    pen: Pen,
+    pen: style.Pen,
     scene: Scene,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
     _words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
 ) -> None:
     """Draw segments on lattice edges, their joints, and the marked vertices."""
-    edges = place_pen(pen, scene.system, _LOOK)
+    edges = places.place_pen(pen, scene.system, _LOOK)
     _behind(pen, scene)
     arms = segments(sites, moved)
     colours = pen.palette(len(sites))
     own = [colours[number] for number in arms.numbers]
-    draw_modules(edges, arms.moved, arms.sites, own, ways=False)
-    pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
-    pen.discs(arms.marked, 0.17, facecolors=INK)
+    places.draw_modules(edges, arms.moved, arms.sites, own, ways=False)
+    pen.discs((tip for edge in arms.sites for tip in style.tips_of(edge)), 0.1, facecolors="white")
+    pen.discs(arms.marked, 0.17, facecolors=style.INK)
     pen.discs(arms.changed, 0.25, facecolors="none")
 
 
-def _behind(pen: Pen, scene: Scene) -> None:
+def _behind(pen: style.Pen, scene: Scene) -> None:
     """Draw the lattice, and the goal as pink bands."""
-    edges = place_pen(pen, scene.system, _LOOK)
+    edges = places.place_pen(pen, scene.system, _LOOK)
     _ground(edges)
-    edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
+    edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=style.PALE_GOAL)
 
 
-def _body(_scene: Scene, site: Site) -> Body:
+def _body(_scene: Scene, site: Site) -> style.Body:
     """Return a segment as a bar; a marked vertex is a dot, and a free one is not seen."""
     vertex = vertex_of(site)
     if vertex is not None:
         spot = float(vertex[0]), float(vertex[1])
-        return Body("dot" if marked([site]) else "none", spot, spot, _DARK)
-    (left, low), (right, top) = tips_of(site)
-    return Body("bar", (left, low), (right, top))
+        return style.Body("dot" if marked([site]) else "none", spot, spot, _DARK)
+    (left, low), (right, top) = style.tips_of(site)
+    return style.Body("bar", (left, low), (right, top))
 
 
-def _ground(pen: PlacePen) -> None:
+def _ground(pen: places.PlacePen) -> None:
     """Draw the edges of the lattice pale, and obstacles dark."""
     system = pen.system
     left, right, low, high = pen.box
@@ -174,50 +136,50 @@ def _ground(pen: PlacePen) -> None:
         for axis in (0, 1)
     ]
     free = [edge for edge in edges if system.has_place(edge)]
-    pen.draw("cell", free if len(free) <= FREE_MAX else [], facecolors=LINE)
-    pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+    pen.draw("cell", free if len(free) <= places.FREE_MAX else [], facecolors=style.LINE)
+    pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=style.WALL)
 
 
-def _solid(system: System, site: Site) -> Solid | None:
+def _solid(system: System, site: Site) -> style.Solid | None:
     """Return a bar for a segment, a small disc for a marked vertex, and nothing for a free one."""
     vertex = vertex_of(site)
     if vertex is None:
-        return bar(*tips_of(system.place_of(site)))
-    return disc_at(vertex, _MARK) if marked([site]) else None
+        return style.bar(*style.tips_of(system.place_of(site)))
+    return style.disc_at(vertex, _MARK) if marked([site]) else None
 
 
-def _colours(_system: System, sites: Sequence[Site]) -> list[Colour]:
+def _colours(_system: System, sites: Sequence[Site]) -> list[style.Colour]:
     """Return the colours of segments by number; vertices are dark, as marks are drawn."""
     return [
         hue if vertex_of(site) is None else _DARK
-        for hue, site in zip(palette(len(sites)), sites, strict=True)
+        for hue, site in zip(style.palette(len(sites)), sites, strict=True)
     ]
 
 
-def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+def _marks(scene: Scene, shots: Sequence[style.Shot], _box: style.Box) -> Iterator[style.Mark]:
     if scene.goal:
-        yield Mark("goal", face=PALE_GOAL)
+        yield style.Mark("goal", face=style.PALE_GOAL)
     if scene.system.filled:
-        yield Mark("fixed", face=WALL)
+        yield style.Mark("fixed", face=style.WALL)
     arms = [segments(sites, moved) for sites, moved in shots]
-    yield from moves_marks((found.sites, found.moved) for found in arms)
-    yield Mark("joint", face="white", edge=INK, is_round=True)
+    yield from style.moves_marks((found.sites, found.moved) for found in arms)
+    yield style.Mark("joint", face="white", edge=style.INK, is_round=True)
     if any(found.marked for found in arms):
-        yield Mark("marked vertex", face=INK, is_round=True)
+        yield style.Mark("marked vertex", face=style.INK, is_round=True)
     if any(found.changed for found in arms):
-        yield Mark("mark has just changed", edge=INK, is_round=True)
+        yield style.Mark("mark has just changed", edge=style.INK, is_round=True)
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
     """Return segments as ``---`` and ``|`` between vertices; a marked vertex is ``*``."""
-    marks = marks_of(scene, sites)
-    flat = {MODULE_MARK: "---", ARRIVED_MARK: "===", GOAL_MARK: "..."}
-    upright = {MODULE_MARK: "|", ARRIVED_MARK: "H", GOAL_MARK: ":"}
+    marks = style.marks_of(scene, sites)
+    flat = {style.MODULE_MARK: "---", style.ARRIVED_MARK: "===", style.GOAL_MARK: "..."}
+    upright = {style.MODULE_MARK: "|", style.ARRIVED_MARK: "H", style.GOAL_MARK: ":"}
     filled = dict.fromkeys(scene.system.filled, "#")
-    tips = [tip for edge in (*known_places(scene), *marks) for tip in tips_of(edge)]
+    tips = [tip for edge in (*style.known_places(scene), *marks) for tip in style.tips_of(edge)]
     left, right = min(x for x, _ in tips), max(x for x, _ in tips)
     low, high = min(y for _, y in tips), max(y for _, y in tips)
-    busy = {tip for edge in (*segments(sites).sites, *filled) for tip in tips_of(edge)}
+    busy = {tip for edge in (*segments(sites).sites, *filled) for tip in style.tips_of(edge)}
     joined = marked(sites)
     marks |= filled
     lines = []
@@ -233,13 +195,13 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
     return "\n".join(lines[:-1])
 
 
-EDGES = Style(
+EDGES = style.Style(
     text=_text,
-    frame=partial(frame_of, _LOOK),
-    extent=partial(extent_of, _LOOK),
+    frame=partial(places.frame_of, _LOOK),
+    extent=partial(places.extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(_body, _behind, thick=0.3, joints=True),
+    moving=style.MovingPart(_body, _behind, thick=0.3, joints=True),
     solid=_solid,
     colours=_colours,
 )

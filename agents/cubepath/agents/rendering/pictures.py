@@ -16,32 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering import cells, chords, edges, letters, places
-from cubepath.agents.rendering.style import (
-    GHOST,
-    GOAL,
-    INK,
-    LIGHT,
-    LINE,
-    PALE_GOAL,
-    PAPER,
-    TILE,
-    WALL,
-    Body,
-    Box,
-    Colour,
-    Layer,
-    Mark,
-    MovingPart,
-    Pen,
-    Pivot,
-    Points,
-    Shot,
-    Solid,
-    Spot,
-    Style,
-    Theme,
-)
+from cubepath.agents.rendering import cells, chords, edges, letters, places, style
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -53,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.path import Path
 
-STYLES: Mapping[str, Style] = {
+STYLES: Mapping[str, style.Style] = {
     "hexagons": cells.HEXAGONS,
     "squares": cells.SQUARES,
     "map": cells.MAP,
@@ -64,7 +39,7 @@ STYLES: Mapping[str, Style] = {
 }
 
 
-def style_of(scene: Scene) -> Style:
+def style_of(scene: Scene) -> style.Style:
     """Return the style in which a scene is drawn; InputError if its system names none."""
     found = STYLES.get(scene.system.drawing)
     if found is None:
@@ -104,9 +79,9 @@ _LETTER, _SWATCH = 0.067, 0.42
 class Legend:
     """The marks of some pictures, in rows of `columns`."""
 
-    marks: tuple[Mark, ...]
+    marks: tuple[style.Mark, ...]
     columns: int
-    theme: Theme = LIGHT
+    theme: style.Theme = style.LIGHT
 
     @property
     def height(self) -> float:
@@ -125,7 +100,7 @@ class Legend:
             ncols=self.columns,
             frameon=False,
             fontsize=_SIZE,
-            labelcolor=self.theme.of(INK),
+            labelcolor=self.theme.of(style.INK),
             handlelength=1.5,
             borderpad=0,
             borderaxespad=0,
@@ -134,7 +109,11 @@ class Legend:
 
 
 def legend_of(
-    scene: Scene, shots: Sequence[Shot], box: Box, wide: float, theme: Theme = LIGHT
+    scene: Scene,
+    shots: Sequence[style.Shot],
+    box: style.Box,
+    wide: float,
+    theme: style.Theme = style.LIGHT,
 ) -> Legend:
     """Return the legend for pictures of these states in this frame, for a width of `wide` inches.
 
@@ -146,7 +125,7 @@ def legend_of(
     return Legend(marks, min(columns, len(marks) or 1), theme)
 
 
-def _swatch(mark: Mark, theme: Theme) -> Artist:
+def _swatch(mark: style.Mark, theme: style.Theme) -> Artist:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
 
@@ -166,14 +145,14 @@ def _swatch(mark: Mark, theme: Theme) -> Artist:
 
 
 _ROLES = {
-    PAPER: "paper",
-    INK: "ink",
-    GOAL: "goal",
-    WALL: "wall",
-    PALE_GOAL: "goal-pale",
-    LINE: "line",
-    TILE: "tile",
-    GHOST: "ghost",
+    style.PAPER: "paper",
+    style.INK: "ink",
+    style.GOAL: "goal",
+    style.WALL: "wall",
+    style.PALE_GOAL: "goal-pale",
+    style.LINE: "line",
+    style.TILE: "tile",
+    style.GHOST: "ghost",
 }
 """Colours with a meaning, by name, which a page may show otherwise on a dark background."""
 _WIDE = 1.5
@@ -207,12 +186,12 @@ class _ListCanvas:
         self.drawn = DrawnShapes()
         self._numbers: dict[bytes, int] = {}
 
-    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
+    def shapes(self, shapes: Sequence[style.Points], **paint: Any) -> None:
         count = len(shapes)
-        faces = _colours(style.get("facecolors", "none"), count)
-        edges = _colours(style.get("edgecolors", "none"), count)
-        width = round(float(style.get("linewidths", 0)), 4)
-        alpha = float(style.get("alpha", 1))
+        faces = _colours(paint.get("facecolors", "none"), count)
+        edges = _colours(paint.get("edgecolors", "none"), count)
+        width = round(float(paint.get("linewidths", 0)), 4)
+        alpha = float(paint.get("alpha", 1))
         groups: dict[tuple[int, str, str], dict[str, Any]] = {}
         for shape, face, edge in zip(shapes, faces, edges, strict=True):
             middle = (shape.min(axis=0) + shape.max(axis=0)) / 2
@@ -224,20 +203,20 @@ class _ListCanvas:
                 self.drawn.ops.append(group)
             group["at"] += _rounded(middle)
 
-    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
+    def strokes(self, lines: Sequence[style.Points], **paint: Any) -> None:
         ends = [part for line in lines for part in _rounded(line[[0, -1]])]
-        (edge,) = _colours(style["colors"], 1)
-        width = round(float(style["linewidths"]), 4)
-        end = style.get("capstyle") == "round"
+        (edge,) = _colours(paint["colors"], 1)
+        width = round(float(paint["linewidths"]), 4)
+        end = paint.get("capstyle") == "round"
         found = {"op": "lines", "ends": ends, "edge": edge, "width": width, "round": end}
         self.drawn.ops.append(found)
 
-    def write(self, at: Spot, word: str, colour: str, size: float) -> None:
+    def write(self, at: style.Spot, word: str, colour: str, size: float) -> None:
         face = _ROLES.get(colour, colour)
         found = {"op": "word", "at": _rounded(np.array(at)), "word": word, "face": face}
         self.drawn.ops.append(found | {"size": size})
 
-    def _outline(self, shape: Points) -> int:
+    def _outline(self, shape: style.Points) -> int:
         points = _rounded(shape)
         key = np.array(points).tobytes()
         found = self._numbers.get(key)
@@ -247,12 +226,12 @@ class _ListCanvas:
         return found
 
 
-def _rounded(points: Points) -> list[float]:
+def _rounded(points: style.Points) -> list[float]:
     # Adding 0 turns -0.0 into 0.0, so that equal outlines have equal bytes.
     return (np.round(points, 4) + 0.0).ravel().tolist()
 
 
-def _colours(given: str | Sequence[Colour | str], count: int) -> list[str]:
+def _colours(given: str | Sequence[style.Colour | str], count: int) -> list[str]:
     if isinstance(given, str):
         return [_ROLES.get(given, given)] * count
     named = [each if isinstance(each, str) else colour_text(each) for each in given]
@@ -260,7 +239,7 @@ def _colours(given: str | Sequence[Colour | str], count: int) -> list[str]:
     return named * count if len(named) == 1 else named
 
 
-def colour_text(colour: Colour) -> str:
+def colour_text(colour: style.Colour) -> str:
     """Return a colour as ``#rrggbb``.
 
     >>> colour_text((1.0, 0.5, 0.0))
@@ -276,11 +255,11 @@ class Backdrop:
     `behind` and `before` the modules lies what never changes, in the frame `box`.
     """
 
-    box: Box
+    box: style.Box
     behind: DrawnShapes
     before: DrawnShapes
     _scene: Scene
-    _moving: MovingPart
+    _moving: style.MovingPart
 
     @property
     def outline(self) -> list[float]:
@@ -297,11 +276,11 @@ class Backdrop:
         """Return whether bars have joints at their ends."""
         return self._moving.joints
 
-    def body(self, site: Site) -> Body:
+    def body(self, site: Site) -> style.Body:
         """Return how a module looks at a site."""
         return self._moving.body(self._scene, site)
 
-    def pivot(self, action: Action, source: Site, target: Site) -> Pivot | None:
+    def pivot(self, action: Action, source: Site, target: Site) -> style.Pivot | None:
         """Return how a module turns in an action, None if it goes straight."""
         place_of = self._scene.system.place_of
         return self._moving.pivot(action, place_of(source), place_of(target))
@@ -316,22 +295,22 @@ def still(scene: Scene, visited: Iterable[Site] = ()) -> Backdrop:
     >>> found.body((1, 0)).shape, found.body((1, 0)).at, len(found.outline)
     ('cell', (1.0, 0.0), 12)
     """
-    style = style_of(scene)
-    box = style.extent(scene, visited)
+    drawn = style_of(scene)
+    box = drawn.extent(scene, visited)
     if not scene.system.bounded:  # an endless lattice goes on beyond what modules visit
         box = _widened(box)
-    moving = style.moving
+    moving = drawn.moving
     behind, before = (_drawn(layer, scene, box) for layer in (moving.behind, moving.before))
     return Backdrop(box, behind, before, scene, moving)
 
 
-def _drawn(layer: Layer, scene: Scene, box: Box) -> DrawnShapes:
+def _drawn(layer: style.Layer, scene: Scene, box: style.Box) -> DrawnShapes:
     canvas = _ListCanvas()
-    layer(Pen(canvas, box, 1.0, LIGHT), scene)
+    layer(style.Pen(canvas, box, 1.0, style.LIGHT), scene)
     return canvas.drawn
 
 
-def _widened(box: Box) -> Box:
+def _widened(box: style.Box) -> style.Box:
     left, right, low, high = box
     wide = max(right - left, _WIDE * (high - low)) / 2
     tall = wide / _WIDE
@@ -346,19 +325,19 @@ class AxesCanvas:
     axes: Axes
     limits_lines: bool = True
 
-    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
+    def shapes(self, shapes: Sequence[style.Points], **paint: Any) -> None:
         """Draw polygons."""
         from matplotlib.collections import PolyCollection  # noqa: PLC0415
 
-        self.axes.add_collection(PolyCollection(shapes, zorder=1, **style), autolim=False)
+        self.axes.add_collection(PolyCollection(shapes, zorder=1, **paint), autolim=False)
 
-    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
+    def strokes(self, lines: Sequence[style.Points], **paint: Any) -> None:
         """Draw lines between points."""
         from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-        self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
+        self.axes.add_collection(LineCollection(lines, zorder=1, **paint), autolim=False)
 
-    def write(self, at: Spot, word: str, colour: str, size: float) -> None:
+    def write(self, at: style.Spot, word: str, colour: str, size: float) -> None:
         """Write a word as a shape."""
         from matplotlib.patches import PathPatch  # noqa: PLC0415
         from matplotlib.transforms import Affine2D  # noqa: PLC0415
@@ -403,7 +382,7 @@ def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> ND
     return np.array(pixels, dtype=np.uint8)[:, :, :3].copy()
 
 
-def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
+def frame(scene: Scene, also: Iterable[Site] = ()) -> style.Box:
     """Return the least frame of a picture, in cells: the scene, and the sites in `also`.
 
     On an endless lattice there is room for one more module on every side of the scene, so modules
@@ -412,7 +391,7 @@ def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
     return style_of(scene).frame(scene, also)
 
 
-def extent(scene: Scene, visited: Iterable[Site]) -> Box:
+def extent(scene: Scene, visited: Iterable[Site]) -> style.Box:
     """Return the frame for pictures of a run, in cells: start, goal, and all visited sites.
 
     The rest of a much larger workspace is left out.
@@ -420,12 +399,12 @@ def extent(scene: Scene, visited: Iterable[Site]) -> Box:
     return style_of(scene).extent(scene, visited)
 
 
-def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[Colour]:
+def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[style.Colour]:
     """Return the colour of each module in a picture when it is at its site."""
     return style_of(scene).colours(scene.system, sites)
 
 
-def solid_of(scene: Scene, site: Site) -> Solid | None:
+def solid_of(scene: Scene, site: Site) -> style.Solid | None:
     """Return what stands at a site in three dimensions; None where a picture shows nothing.
 
     Its middle is where pictures draw the module. InputError if the site cannot be drawn.
@@ -442,9 +421,9 @@ def draw_on(
     sites: Sequence[Site],
     *,
     moved: Mapping[int, Site] | None = None,
-    box: Box | None = None,
+    box: style.Box | None = None,
     numbers: bool | None = None,
-    theme: Theme = LIGHT,
+    theme: style.Theme = style.LIGHT,
 ) -> None:
     """Draw modules at `sites`, by number, on matplotlib's `axes`, whose position must be final.
 
@@ -460,7 +439,7 @@ def draw_on(
     style_of(scene).draw(pen, scene, sites, moved or {}, numbers)
 
 
-def _pen(axes: Axes, scene: Scene, box: Box, theme: Theme) -> Pen:
+def _pen(axes: Axes, scene: Scene, box: style.Box, theme: style.Theme) -> style.Pen:
     """Set up the axes to show this frame, which an endless lattice fills entirely."""
     left, right, low, high = box
     seen = axes.get_window_extent()
@@ -473,4 +452,4 @@ def _pen(axes: Axes, scene: Scene, box: Box, theme: Theme) -> Pen:
     axes.set_axis_off()
     pixels = min(seen.width / (right - left), seen.height / (high - low))
     scale = pixels * 72 / axes.figure.dpi
-    return Pen(AxesCanvas(axes), (left, right, low, high), scale, theme)
+    return style.Pen(AxesCanvas(axes), (left, right, low, high), scale, theme)

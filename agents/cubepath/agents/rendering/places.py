@@ -3,8 +3,6 @@
 The system says where the vertices of a graph lie; otherwise they lie on a circle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
@@ -13,33 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.rendering.style import (
-    GOAL,
-    INK,
-    LINE,
-    TILE,
-    WALL,
-    Body,
-    Box,
-    Colour,
-    Mark,
-    MovingPart,
-    Pen,
-    Points,
-    Shot,
-    Solid,
-    Spot,
-    Style,
-    arcs,
-    box_at,
-    disc_at,
-    known_places,
-    marks_of,
-    moves_marks,
-    palette,
-    readable,
-    spot_of,
-)
+from cubepath.agents.rendering import style
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -60,40 +32,40 @@ class PlaceShape:
     middles of the places to the edge of a frame.
     """
 
-    middle: Callable[[System, Site], Spot]
-    outline: Callable[[str, Site], Points]
+    middle: Callable[[System, Site], style.Spot]
+    outline: Callable[[str, Site], style.Points]
     margin: float
 
 
 @dataclass(frozen=True, slots=True)
-class PlacePen(Pen):
+class PlacePen(style.Pen):
     """Draws places of a system."""
 
     system: System
     look: PlaceShape
 
-    def middle(self, place: Site) -> Spot:
+    def middle(self, place: Site) -> style.Spot:
         """Return the middle of a place."""
         return self.look.middle(self.system, place)
 
-    def draw(self, kind: str, places: Collection[Site], **style: Any) -> None:
+    def draw(self, kind: str, places: Collection[Site], **paint: Any) -> None:
         """Draw each place as a shape of the given kind."""
         shapes = [self.look.outline(kind, place) + self.middle(place) for place in places]
-        self.shapes(shapes, **style)
+        self.shapes(shapes, **paint)
 
 
-def place_pen(pen: Pen, system: System, look: PlaceShape) -> PlacePen:
+def place_pen(pen: style.Pen, system: System, look: PlaceShape) -> PlacePen:
     """Return a pen for the places of a system on the same axes."""
     return PlacePen(pen.canvas, pen.box, pen.scale, pen.theme, system, look)
 
 
 @cache
-def disc(kind: str) -> Points:
+def disc(kind: str) -> style.Points:
     """Return the outline of a round place."""
-    return arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
+    return style.arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
 
 
-def frame_of(look: PlaceShape, scene: Scene, also: Iterable[Site]) -> Box:
+def frame_of(look: PlaceShape, scene: Scene, also: Iterable[Site]) -> style.Box:
     """Return the frame around the places of a scene and some further sites.
 
     On an endless lattice there is room for one more module on every side of the scene, so modules
@@ -102,14 +74,14 @@ def frame_of(look: PlaceShape, scene: Scene, also: Iterable[Site]) -> Box:
     system = scene.system
     near = look.margin
     far = near + (0 if system.bounded else 1)
-    known = np.array([look.middle(system, place) for place in known_places(scene)])
+    known = np.array([look.middle(system, place) for place in style.known_places(scene)])
     others = [look.middle(system, system.place_of(site)) for site in also]
     low = np.min([known.min(axis=0) - far, *(np.array(point) - near for point in others)], axis=0)
     high = np.max([known.max(axis=0) + far, *(np.array(point) + near for point in others)], axis=0)
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def extent_of(look: PlaceShape, scene: Scene, visited: Iterable[Site]) -> Box:
+def extent_of(look: PlaceShape, scene: Scene, visited: Iterable[Site]) -> style.Box:
     """Return the frame around start, goal and the visited places, with a cell to spare.
 
     A workspace that is not much larger is shown whole.
@@ -145,32 +117,32 @@ def draw_places(
     places = [system.place_of(site) for site in sites]
     draw_modules(pen, left, places, colours, ways=True)
     draw_goals(pen, scene, sites)
-    if readable(pen, words) and pen.theme.modules is None:
+    if style.readable(pen, words) and pen.theme.modules is None:
         for number, site in enumerate(sites):
             label = system.label_of(site)
             word = str(number if label is None else label)
             pen.write(pen.middle(places[number]), word, colours[number])
 
 
-def place_body(look: PlaceShape, scene: Scene, site: Site) -> Body:
+def place_body(look: PlaceShape, scene: Scene, site: Site) -> style.Body:
     """Return how a module looks at a site: a cell."""
     at = look.middle(scene.system, scene.system.place_of(site))
-    return Body("cell", at, at)
+    return style.Body("cell", at, at)
 
 
-def hexagon_solid(look: PlaceShape, system: System, site: Site) -> Solid:
+def hexagon_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
     """Return the solid of a module on a hexagon."""
-    return disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
+    return style.disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
 
 
-def square_solid(look: PlaceShape, system: System, site: Site) -> Solid:
+def square_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
     """Return the solid of a module on a square."""
-    return box_at(look.middle(system, system.place_of(site)))
+    return style.box_at(look.middle(system, system.place_of(site)))
 
 
-def disc_solid(look: PlaceShape, system: System, site: Site) -> Solid:
+def disc_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
     """Return the solid of a vehicle, on a map or on a graph."""
-    return disc_at(look.middle(system, system.place_of(site)), _DISC)
+    return style.disc_at(look.middle(system, system.place_of(site)), _DISC)
 
 
 def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
@@ -178,15 +150,15 @@ def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
 
     `sites` are those of the modules by number, at any time: modules keep their labels.
     """
-    system, goals, colours = scene.system, list(scene.goal or ()), palette(len(sites))
+    system, goals, colours = scene.system, list(scene.goal or ()), style.palette(len(sites))
     by_label = {system.label_of(site): colours[number] for number, site in enumerate(sites)}
     labels = [system.label_of(site) for site in goals]
-    hues = [GOAL if label is None else by_label[label] for label in labels]
+    hues = [style.GOAL if label is None else by_label[label] for label in labels]
     at = [system.place_of(site) for site in goals]
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
 
 
-def draw_goals_alone(pen: Pen, scene: Scene, *, look: PlaceShape) -> None:
+def draw_goals_alone(pen: style.Pen, scene: Scene, *, look: PlaceShape) -> None:
     """Draw the outlines of the goal above the modules, for pictures that move."""
     draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
 
@@ -195,7 +167,7 @@ def draw_modules(
     pen: PlacePen,
     left: Mapping[int, Site],
     places: Sequence[Site],
-    colours: Sequence[Colour],
+    colours: Sequence[style.Colour],
     *,
     ways: bool,
 ) -> None:
@@ -211,36 +183,36 @@ def draw_modules(
     rim = pen.theme.rim
     pen.draw("module", places, facecolors=colours, edgecolors=rim, linewidths=0.03 * pen.scale)
     stirred = [places[number] for number in left]
-    pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
+    pen.draw("module", stirred, facecolors="none", edgecolors=style.INK, linewidths=pen.line(0.08))
 
 
 def place_marks(
-    scene: Scene, shots: Sequence[Shot], *, discs: bool = False, round_goal: bool = False
-) -> Iterator[Mark]:
+    scene: Scene, shots: Sequence[style.Shot], *, discs: bool = False, round_goal: bool = False
+) -> Iterator[style.Mark]:
     """Yield the marks that `draw_places` makes, without those of the ground.
 
     `discs` says that modules are discs, `round_goal` that outlines of the goal are round as well.
     """
     if scene.goal and scene.system.labels is None:
-        yield Mark("goal", edge=GOAL, is_round=round_goal)
+        yield style.Mark("goal", edge=style.GOAL, is_round=round_goal)
     elif scene.goal:
-        yield Mark("goal of the module of its colour", edge=WALL, is_round=round_goal)
-    yield from moves_marks(shots, is_round=discs)
+        yield style.Mark("goal of the module of its colour", edge=style.WALL, is_round=round_goal)
+    yield from style.moves_marks(shots, is_round=discs)
 
 
 _MANY = 40
 """With more vertices, the text of a graph of vehicles lists only modules and goals."""
 
 
-def _middle(system: System, place: Site) -> Spot:
-    found = spot_of(system, place) or _circle(system.places).get(place)
+def _middle(system: System, place: Site) -> style.Spot:
+    found = style.spot_of(system, place) or _circle(system.places).get(place)
     if found is None:
         raise InputError(f"{place!r} cannot be drawn: it has no position and is none of the places")
     return found
 
 
 @lru_cache(maxsize=64)
-def _circle(vertices: tuple[Site, ...]) -> dict[Site, Spot]:
+def _circle(vertices: tuple[Site, ...]) -> dict[Site, style.Spot]:
     """Return the vertices on a circle, clockwise from the top, far enough apart."""
     radius = max(1.0, len(vertices) * 1.5 / (2 * pi))
     turns = [pi / 2 - 2 * pi * number / len(vertices) for number in range(len(vertices))]
@@ -254,7 +226,7 @@ _LOOK = PlaceShape(_middle, lambda kind, _: disc(kind), 0.7)
 
 
 def _draw(
-    pen: Pen,
+    pen: style.Pen,
     scene: Scene,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
@@ -268,28 +240,30 @@ def _draw(
 def _ground(pen: PlacePen) -> None:
     """Draw edges as lines and vertices as pale discs."""
     lines = [np.array([pen.middle(end) for end in edge]) for edge in pen.system.lines()]
-    pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
+    pen.strokes(lines, colors=style.LINE, linewidths=pen.line(0.05))
     width = pen.line(0.04)
-    pen.draw("cell", pen.system.places, facecolors=TILE, edgecolors=LINE, linewidths=width)
+    pen.draw(
+        "cell", pen.system.places, facecolors=style.TILE, edgecolors=style.LINE, linewidths=width
+    )
     fixed = [pen.system.place_of(site) for site in pen.system.filled]
-    pen.draw("module", fixed, facecolors=WALL)
+    pen.draw("module", fixed, facecolors=style.WALL)
 
 
-def _behind(pen: Pen, scene: Scene) -> None:
+def _behind(pen: style.Pen, scene: Scene) -> None:
     _ground(place_pen(pen, scene.system, _LOOK))
 
 
-def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+def _marks(scene: Scene, shots: Sequence[style.Shot], _box: style.Box) -> Iterator[style.Mark]:
     yield from place_marks(scene, shots, discs=True, round_goal=True)
     if scene.system.filled:
-        yield Mark("fixed", face=WALL, is_round=True)
+        yield style.Mark("fixed", face=style.WALL, is_round=True)
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
     """Return a line for each vertex, with its neighbours."""
     system = scene.system
-    marks = marks_of(scene, sites)
-    places = list(dict.fromkeys((*known_places(scene), *marks)))
+    marks = style.marks_of(scene, sites)
+    places = list(dict.fromkeys((*style.known_places(scene), *marks)))
     if system.graph is not None:
         every = system.graph.vertices
         places = [place for place in every if len(every) <= _MANY or place in marks]
@@ -306,13 +280,13 @@ def _name(place: Site) -> str:
     return place if isinstance(place, str) else site_text(place)
 
 
-GRAPH = Style(
+GRAPH = style.Style(
     text=_text,
     frame=partial(frame_of, _LOOK),
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
-    moving=MovingPart(
+    moving=style.MovingPart(
         partial(place_body, _LOOK),
         _behind,
         partial(draw_goals_alone, look=_LOOK),

@@ -5,8 +5,6 @@ a canvas: matplotlib's axes, or a list of what was drawn (`pictures`). Colours a
 paper; a theme replaces them on a dark ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

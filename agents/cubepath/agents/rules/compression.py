@@ -39,8 +39,6 @@ more often in some shapes than in others, so pi is kept only approximately:
 `tests/bench/bench_compression.py` measures by how much.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, TypeAlias

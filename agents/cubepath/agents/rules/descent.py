@@ -36,8 +36,6 @@ The positive arm is such a system, too, with segments in place of places; its ru
 needs no neighbour that says which height it has.
 """
 
-from __future__ import annotations
-
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.potential import OwnPotential
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType

@@ -6,8 +6,6 @@ times and then repeat the last. What moves are legal a module always knows: it f
 rule fails, or chooses an illegal move, because of what it saw wrongly, the module stays.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated
 

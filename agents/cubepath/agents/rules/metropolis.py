@@ -16,8 +16,6 @@ the stationary distribution of Metropolis: modules move at one time, claims are 
 and the number of legal moves differs from state to state. `compression` does better at that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial

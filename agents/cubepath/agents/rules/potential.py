@@ -4,8 +4,6 @@ That is the potential of the system, if it has one. Otherwise it is the number o
 to the nearest site of the goal along the ways of the system, whatever stands on the way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cache, lru_cache, partial
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """A best-first search from both ends (Pohl, Bi-directional search, 1971), in portions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterable
 from heapq import heappop, heappush
 from typing import Generic, TypeVar

@@ -3,8 +3,6 @@
 Without rounds every chosen move is safe too: its support is checked when it is committed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

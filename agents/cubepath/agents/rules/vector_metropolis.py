@@ -1,7 +1,5 @@
 """The rule `metropolis` for all modules of many environments at once, with the same choices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import exp
 

@@ -4,8 +4,6 @@ It has in arrays what `rule` has for one module. The environments share a scene,
 seed; E is the number of environments, n that of modules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias

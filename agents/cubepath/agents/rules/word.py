@@ -20,8 +20,6 @@ changes, so the segment of the argument comes to see what holds, and its next at
 The rule keeps nothing in mind, so a segment that is started again continues as before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ process restarted. The observation is the one that verification derives from the
 turn names.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from typing import TypeAlias

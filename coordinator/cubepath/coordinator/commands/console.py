@@ -3,8 +3,6 @@
 Standard output and standard error may be full, closed, or a pipe without a reader.
 """
 
-from __future__ import annotations
-
 import _thread
 import argparse
 import contextlib

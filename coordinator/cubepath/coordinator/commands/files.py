@@ -3,8 +3,6 @@
 All checks happen before the work begins, since that may take long.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Generator, Iterable, Sequence

@@ -1,7 +1,5 @@
 """The commands for runs on several hosts: ``cubepath host router`` and ``host certificates``."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import re

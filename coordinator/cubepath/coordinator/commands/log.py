@@ -6,16 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.commands import recordings
 from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.recordings import (
-    LOGS_HELP,
-    Progress,
-    RecordingAnswer,
-    answer_each,
-    check_used,
-    verified,
-)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 
@@ -27,19 +20,21 @@ if TYPE_CHECKING:  # a command starts faster without them
 def add_log_info(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``log info``."""
     parser.set_defaults(command=_info)
-    parser.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=LOGS_HELP)
+    parser.add_argument(
+        "logs", nargs="+", type=input_path, metavar="LOG", help=recordings.LOGS_HELP
+    )
 
 
 def _info(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
-    def one(path: Path, _tell: Progress) -> RecordingAnswer:
+    def one(path: Path, _tell: recordings.Progress) -> recordings.RecordingAnswer:
         found = info(read_recording(path))
-        return RecordingAnswer(found, render(found))
+        return recordings.RecordingAnswer(found, render(found))
 
     check_files(options, options.logs)
-    return answer_each(options, "info", one)
+    return recordings.answer_each(options, "info", one)
 
 
 def add_log_recover(parser: argparse.ArgumentParser) -> None:
@@ -86,11 +81,11 @@ def _recover(options: argparse.Namespace) -> int:
         remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
         if recording is not None:
-            check_used(options.rule, unused_rules(recording, options.rule))
+            recordings.check_used(options.rule, unused_rules(recording, options.rule))
         told = (
             _alone(remains)
             if recording is None
-            else verified(recording, audit(recording, bar.update, rules=options.rule))
+            else recordings.verified(recording, audit(recording, bar.update, rules=options.rule))
         )
     try:
         saved = recover(recording or remains, options.out)
@@ -106,7 +101,7 @@ def _recover(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _doubt(told: RecordingAnswer, system: str) -> None:
+def _doubt(told: recordings.RecordingAnswer, system: str) -> None:
     """Say which checks fail with a scene that you supplied: maybe it is another one."""
     checks = told.document.get("checks", ())
     damage = ("readable", "complete")
@@ -124,11 +119,11 @@ def _scene(options: argparse.Namespace) -> Scene | None:
     return scene_from_spec(options.system)
 
 
-def _alone(remains: Remains) -> RecordingAnswer:
+def _alone(remains: Remains) -> recordings.RecordingAnswer:
     """Return what to report about messages whose scene is lost."""
     told = remains.parameters.get("system", "SYSTEM")
     why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
     hint = f"the same with --system {told} makes a recording of them"
     document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
     text = "\n".join(map(visible, remains.problems))
-    return RecordingAnswer(document, text, complaints=(f"{why}; {hint}",))
+    return recordings.RecordingAnswer(document, text, complaints=(f"{why}; {hint}",))

@@ -5,8 +5,6 @@ failed, memory or a disk was full, or the answer could not be written, 2 bad inp
 interrupted with the recording closed, 141 the reader of the answer closed the pipe.
 """
 
-from __future__ import annotations
-
 import argparse
 import errno
 import logging
@@ -14,17 +12,7 @@ import resource
 import sys
 from collections.abc import Callable, Mapping, Sequence
 
-from cubepath.coordinator.commands.console import (
-    BAD_INPUT,
-    CLOSED_PIPE,
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    Interrupts,
-    complain,
-    prepare_streams,
-    say,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.usage import Parser
 from cubepath.coordinator.plugins import COMMANDS, GROUPS, add_options_of
 from cubepath.protocol.core.errors import CubepathError, InputError, OptionError
@@ -34,38 +22,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     # Silence the warning about where matplotlib keeps its caches if the home folder is read-only.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    with Interrupts() as interrupts:
+    with console.Interrupts() as interrupts:
         code = _guarded(arguments, interrupts)
-    if interrupts.came and code != INTERRUPTED:
-        complain("interrupted")
-        return INTERRUPTED
+    if interrupts.came and code != console.INTERRUPTED:
+        console.complain("interrupted")
+        return console.INTERRUPTED
     return code
 
 
-def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
+def _guarded(arguments: Sequence[str] | None, interrupts: console.Interrupts) -> int:
     """Carry out the command; turn an error into one line and an exit code."""
     options = argparse.Namespace(smaller="a smaller input", interrupts=interrupts)
     try:
-        prepare_streams()
+        console.prepare_streams()
         given = sys.argv[1:] if arguments is None else arguments
         _parser(*given[:2]).parse_args(given, options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
-        complain(f"--{error}" if isinstance(error, OptionError) else error)
-        return BAD_INPUT
+        console.complain(f"--{error}" if isinstance(error, OptionError) else error)
+        return console.BAD_INPUT
     except BrokenPipeError:
-        return CLOSED_PIPE
+        return console.CLOSED_PIPE
     except (CubepathError, OSError, MemoryError) as error:
-        complain(_reason(error, options.smaller))
-        return FAILED
+        console.complain(_reason(error, options.smaller))
+        return console.FAILED
     except KeyboardInterrupt:
-        complain("interrupted")
-        return INTERRUPTED
+        console.complain("interrupted")
+        return console.INTERRUPTED
     except Exception:
         # An interrupt during compilation may surface as another exception.
         if interrupts.came:
-            return FAILED
+            return console.FAILED
         raise
 
 
@@ -122,7 +110,7 @@ def _add_names(
 
     def list_them(_options: argparse.Namespace) -> int:
         parser.print_help()
-        return DONE
+        return console.DONE
 
     parser.set_defaults(command=list_them)
     commands = parser.add_subparsers(metavar="COMMAND")
@@ -138,5 +126,5 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from importlib.metadata import version  # noqa: PLC0415
 
-        say(f"cubepath {version('cubepath')}")
+        console.say(f"cubepath {version('cubepath')}")
         parser.exit()

@@ -3,8 +3,6 @@
 They write the files in ``templates``, with the name filled in.
 """
 
-from __future__ import annotations
-
 import argparse
 import keyword
 import os

@@ -9,14 +9,7 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
 from cubepath.coordinator.commands.run import watched_rounds, with_damage
@@ -174,14 +167,14 @@ def _replay(options: argparse.Namespace) -> int:
             raise InputError(f"--{key.replace('_', '-')}: expected --modules with it")
     if options.max_gap is not None and options.rate is None:
         raise InputError("--max-gap: expected --rate with it")
-    with progress_bar(None, "read", ""):
+    with console.progress_bar(None, "read", ""):
         recording = read_recording(options.parent)
     found = _played(options, recording)
-    answer(options, found.document(), table(_rows(found)))
+    console.answer(options, found.document(), console.table(_rows(found)))
     lacking = () if found.lacking is None else (found.lacking,)
     for line in (*recording.problems, *lacking, *found.differences):
-        complain(f"{recording.path}: {line}")
-    return DONE if found.agrees else FAILED
+        console.complain(f"{recording.path}: {line}")
+    return console.DONE if found.agrees else console.FAILED
 
 
 def _play_live(options: argparse.Namespace) -> int:
@@ -194,7 +187,7 @@ def _play_live(options: argparse.Namespace) -> int:
             option = {"begin": "from", "wait_s": "wait-for-subscribers"}.get(key, key)
             raise InputError(f"--{option.replace('_', '-')}: not with --modules")
     check_files(options, [options.parent], Output(options.log))
-    with progress_bar(None, "read", ""):
+    with console.progress_bar(None, "read", ""):
         recording = read_recording(options.parent)
     live = None if options.modules == _ALL else options.modules
     with watched_rounds() as watched:
@@ -202,10 +195,10 @@ def _play_live(options: argparse.Namespace) -> int:
             found = replay_live(recording, live, **given(options, _LIVE), **watched)
         except InputError as error:
             raise with_damage(error, recording) from None
-    answer(options, found.document(), "\n".join(map(visible, _told(found).splitlines())))
+    console.answer(options, found.document(), "\n".join(map(visible, _told(found).splitlines())))
     if found.divergence is not None:
-        complain(f"{recording.path}: {str(found.divergence).splitlines()[0]}")
-    return DONE if found.same else FAILED
+        console.complain(f"{recording.path}: {str(found.divergence).splitlines()[0]}")
+    return console.DONE if found.same else console.FAILED
 
 
 def _told(found: LiveReplay) -> str:
@@ -242,7 +235,7 @@ def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
 
     def announce(endpoint: str, run: str) -> None:
         if takes_time or any((options.listen, options.run, options.wait_s is not None)):
-            complain(f"replaying on {endpoint} under cubepath/{run}/**")
+            console.complain(f"replaying on {endpoint} under cubepath/{run}/**")
 
     if takes_time and has_terminal():
         from cubepath.coordinator.playback.player import Player  # noqa: PLC0415
@@ -254,7 +247,7 @@ def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
             return player.wait()
     from cubepath.coordinator.playback.player import replay  # noqa: PLC0415
 
-    with progress_bar(len(recording.records), "replay", " messages") as bar:
+    with console.progress_bar(len(recording.records), "replay", " messages") as bar:
         asked["progress"] = bar.update
         return replay(recording, announce=announce, **asked)
 

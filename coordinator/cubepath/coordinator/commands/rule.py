@@ -6,14 +6,7 @@ import argparse
 import time
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
@@ -57,7 +50,7 @@ def _check(options: argparse.Namespace) -> int:
     from cubepath.agents.locality.check import check_rule  # noqa: PLC0415 - only what is needed
 
     began = time.monotonic()
-    with progress_bar(None, "rule check", " plays") as bar:
+    with console.progress_bar(None, "rule check", " plays") as bar:
         found = check_rule(
             options.rule,
             options.systems or None,
@@ -67,8 +60,8 @@ def _check(options: argparse.Namespace) -> int:
             progress=bar.update,
         )
     seconds = time.monotonic() - began
-    answer(options, _document(found, seconds), _text(found, seconds))
-    return DONE if found.ok else FAILED
+    console.answer(options, _document(found, seconds), _text(found, seconds))
+    return console.DONE if found.ok else console.FAILED
 
 
 def _document(found: LocalityReport, seconds: float) -> dict[str, object]:
@@ -98,7 +91,7 @@ def _text(found: LocalityReport, seconds: float) -> str:
         ("time", f"{seconds:.2f} s"),
     ]
     lines = [f"  {visible(each.text)}" for each in found.findings]
-    return "\n".join([table(rows), *lines])
+    return "\n".join([console.table(rows), *lines])
 
 
 def add_rule_list(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +117,7 @@ def _list(options: argparse.Namespace) -> int:
                 if rule.is_for(scene.system) and misfit(rule, scene) is None
             ]
         except InputError as error:
-            complain(str(error))
+            console.complain(str(error))
             continue
         free = None if rule.free is None else rule.free.why
         document.append(
@@ -146,8 +139,8 @@ def _list(options: argparse.Namespace) -> int:
             f"    source: {rule.source}",
         ]
     lines += ["any rule:", *_key_lines(LIMITS)]
-    answer(options, document, "\n".join(lines))
-    return DONE
+    console.answer(options, document, "\n".join(lines))
+    return console.DONE
 
 
 def _keys_document(keys: Keys) -> dict[str, dict[str, str]]:
@@ -181,5 +174,5 @@ def _list_systems(options: argparse.Namespace) -> int:
     for family in all_families().values():
         rule = f" (rule {family.rule})" if family.rule else ""
         lines += [f"{family.name}: {family.summary}{rule}", *_key_lines(family.keys)]
-    answer(options, document, "\n".join(lines))
-    return DONE
+    console.answer(options, document, "\n".join(lines))
+    return console.DONE

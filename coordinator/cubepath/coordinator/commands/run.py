@@ -1,23 +1,12 @@
 """The command ``cubepath run``: a new run, or one that continues from a recording."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import sys
 from collections.abc import Generator
 from typing import Any
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    SYSTEM_HELP,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import (
     Output,
     check_files,
@@ -48,7 +37,7 @@ _PLAN = ("system", "speeds", *(name for name in option_fields(RunOptions) if nam
 def add_run(run: argparse.ArgumentParser) -> None:
     """Add the options of ``run``."""
     run.set_defaults(command=_run)
-    run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
+    run.add_argument("system", nargs="?", metavar="SYSTEM", help=console.SYSTEM_HELP)
     run.add_argument(
         "--rule",
         dest="rules",
@@ -124,7 +113,7 @@ def _run(options: argparse.Namespace) -> int:
         fields["speeds"] = dict(fields["speeds"])
     plan = Plan(rule=rule, resume=options.parent, **fields)
     free = options.clock == "free" or options.parent is not None
-    with progress_bar(None, "run", " moves" if free else " rounds") as bar:
+    with console.progress_bar(None, "run", " moves" if free else " rounds") as bar:
 
         def watch(gatherer: Any) -> None:
             heap = gatherer.live if free else gatherer.heap
@@ -135,7 +124,7 @@ def _run(options: argparse.Namespace) -> int:
 
         def say(line: str) -> None:
             bar.clear()
-            complain(line)
+            console.complain(line)
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
@@ -163,7 +152,7 @@ def _run(options: argparse.Namespace) -> int:
         stopped = outcome.schedule_stopped
         how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
         rows.insert(1, ("schedule", f"{counted(outcome.schedule_cubes, 'cube')}{how}"))
-    answer(options, outcome.document(), table(rows))
+    console.answer(options, outcome.document(), console.table(rows))
     return _ended(outcome)
 
 
@@ -184,8 +173,10 @@ def _counts(outcome: Any) -> list[tuple[str, object]]:
 
 def _ended(outcome: Any) -> int:
     if outcome.error is not None:
-        complain(outcome.error)
-    return {"failed": FAILED, "interrupted": INTERRUPTED}.get(outcome.ended, DONE)
+        console.complain(outcome.error)
+    return {"failed": console.FAILED, "interrupted": console.INTERRUPTED}.get(
+        outcome.ended, console.DONE
+    )
 
 
 def _continue(options: argparse.Namespace) -> int:
@@ -206,7 +197,7 @@ def _continue(options: argparse.Namespace) -> int:
             name = {"system": "SYSTEM", "speeds": "--speed"}.get(key)
             raise InputError(f"{name or '--' + key.replace('_', '-')}: not with --round")
     check_files(options, [options.parent], Output(options.log))
-    with progress_bar(None, "read", ""):
+    with console.progress_bar(None, "read", ""):
         recording = read_recording(options.parent)
     rule, *others = options.rules
     with watched_rounds() as watched:
@@ -238,18 +229,18 @@ def _continue(options: argparse.Namespace) -> int:
         "from_round": options.round,
         "what_if": rule,
     }
-    answer(options, document, table(rows))
+    console.answer(options, document, console.table(rows))
     return _ended(outcome)
 
 
 @contextlib.contextmanager
 def watched_rounds() -> Generator[dict[str, Any]]:
     """Show how a run continues from a recording, and yield the arguments that let it be watched."""
-    with progress_bar(None, "run", " rounds") as bar:
+    with console.progress_bar(None, "run", " rounds") as bar:
 
         def say(line: str) -> None:
             bar.clear()
-            complain(line)
+            console.complain(line)
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):

@@ -8,15 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cubepath.coordinator.commands import files
 from cubepath.coordinator.commands.console import answer, progress_bar, table
-from cubepath.coordinator.commands.files import (
-    PATH_SUFFIXES,
-    Output,
-    check_files,
-    file_name,
-    input_path,
-    output_path,
-)
 from cubepath.coordinator.commands.path_options import (
     INPUT_HELP,
     add_durations,
@@ -49,7 +42,7 @@ def add_shorten(shorten: argparse.ArgumentParser) -> None:
     )
     shorten.add_argument(
         "--certificate",
-        type=output_path,
+        type=files.output_path,
         metavar="FILE.json",
         help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
     )
@@ -64,11 +57,11 @@ def add_shorten(shorten: argparse.ArgumentParser) -> None:
 
 def add_path_options(parser: argparse.ArgumentParser) -> None:
     """Add INPUT, ``--out`` and ``--system``."""
-    parser.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
+    parser.add_argument("input", type=files.input_path, metavar="INPUT", help=INPUT_HELP)
     parser.add_argument(
         "-o",
         "--out",
-        type=output_path,
+        type=files.output_path,
         metavar="CUBES.jsonl",
         help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
         " standard output, and the summary goes to standard error",
@@ -84,11 +77,11 @@ def _shorten(options: argparse.Namespace) -> int:
     out: Path | None = options.out
     if options.durations and out is not None and out.suffix.lower() == ".npz":
         raise InputError(f"{out}: a timetable is JSON Lines, expected another name")
-    check_files(
+    files.check_files(
         options,
         [options.input, duration_file(options)],
-        Output(out, PATH_SUFFIXES, stream=True),
-        Output(options.certificate, (".json",)),
+        files.Output(out, files.PATH_SUFFIXES, stream=True),
+        files.Output(options.certificate, (".json",)),
     )
     found = shortened_input(options)
     certified = _certified(options, found)
@@ -137,7 +130,7 @@ def answer_shortened(options: argparse.Namespace, found: Shortened, more: MoreRe
         ("time", f"{document['seconds']:.2f} s"),
     ]
     if options.out is not None:
-        rows.append(("written to", file_name(options.out)))
+        rows.append(("written to", files.file_name(options.out)))
     answer(options, document, "\n".join([table(rows), *map(visible, more.lines)]))
     return solved(options, found.given.unsolved)
 
@@ -207,7 +200,9 @@ def _convert(options: argparse.Namespace) -> int:
             raise InputError(f"--{name}: not with --convert, which shortens nothing")
     if options.out is None:
         raise InputError("--convert: expected -o FILE with it, a .jsonl or .npz file, or -")
-    check_files(options, [options.input], Output(options.out, PATH_SUFFIXES, stream=True))
+    files.check_files(
+        options, [options.input], files.Output(options.out, files.PATH_SUFFIXES, stream=True)
+    )
     with progress_bar(None, "convert", " moves") as bar:
         found = convert(
             options.input,
@@ -217,6 +212,6 @@ def _convert(options: argparse.Namespace) -> int:
             hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.out)}
-    written = visible(file_name(options.out))
+    written = visible(files.file_name(options.out))
     answer(options, document, f"{found.count} {found.what} written to {written}")
     return solved(options, found.unsolved)

@@ -9,15 +9,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
@@ -79,7 +71,7 @@ def _simulate(options: argparse.Namespace) -> int:
     check(asked)
     check_output_folder(options.out)
     tally, began, interrupted = SeedTally(simulator_of(asked)), time.monotonic(), False
-    with progress_bar(len(seeds), "simulate", " seeds") as bar:
+    with console.progress_bar(len(seeds), "simulate", " seeds") as bar:
 
         def failing(seed: int) -> None:
             bar.set_postfix_str(f"shrinking seed {seed}")
@@ -100,11 +92,11 @@ def _simulate(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             interrupted = True
     document = tally.document(time.monotonic() - began)
-    answer(options, document, _table(tally, document["seconds"]))
+    console.answer(options, document, _table(tally, document["seconds"]))
     if interrupted:
-        complain("interrupted")
-        return INTERRUPTED
-    return FAILED if tally.outcomes["failure"] else DONE
+        console.complain("interrupted")
+        return console.INTERRUPTED
+    return console.FAILED if tally.outcomes["failure"] else console.DONE
 
 
 def _state(tally: SeedTally) -> str:
@@ -114,7 +106,9 @@ def _state(tally: SeedTally) -> str:
 
 def _tell(kept: KeptRun) -> None:
     detail = kept.detail if len(kept.detail) <= _SHOWN_MAX else kept.detail[:_SHOWN_MAX] + "..."
-    complain(f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}")
+    console.complain(
+        f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}"
+    )
 
 
 def _table(tally: SeedTally, seconds: float) -> str:
@@ -133,7 +127,7 @@ def _table(tally: SeedTally, seconds: float) -> str:
             ("rule gave up", outcomes["gave-up"]),
             ("by a fault", sum(outcomes[kind] for kind in ("crash", "return", "stall", "lie"))),
         ]
-    return table(
+    return console.table(
         [
             *rows,
             (tally.simulator.unit, tally.long),

@@ -3,8 +3,6 @@
 Every usage error is one line that says where to find help, and ends the command with exit code 2.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

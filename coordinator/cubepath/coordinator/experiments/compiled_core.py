@@ -4,8 +4,6 @@ They are the runs of `cubepath.agents.play_many` and `play_free`. The same seeds
 in the simulator and over the wire.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeAlias

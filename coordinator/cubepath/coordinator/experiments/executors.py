@@ -8,8 +8,6 @@ What is compiled once per installation is compiled first, in two processes side 
 every worker would compile the same functions; instead they load what these two leave on disk.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator

@@ -5,8 +5,6 @@ is a part of runs with the same name, which is written after it. So the sweep ma
 moment, and what is on disk is correct. Parts are written under another name first.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -6,8 +6,6 @@ schedule that attains the best known value. tests/standards.py computes all of i
 out what holds for other scenes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache

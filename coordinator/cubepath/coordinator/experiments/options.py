@@ -1,7 +1,5 @@
 """The options of a sweep with one value, each declared once: for Python, TOML and commands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

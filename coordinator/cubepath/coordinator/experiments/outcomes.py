@@ -1,7 +1,5 @@
 """From the path of a run to the rows kept of it, however the run was played."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -6,8 +6,6 @@ a row too. A worker may live for long while files change, so it checks that it p
 for. The facts about a scene are added to the rows after its runs were played.
 """
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import json

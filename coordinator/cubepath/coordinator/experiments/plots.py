@@ -4,8 +4,6 @@ Rules differ in colour, marker and line, so no plot needs its colours. The same 
 bytes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

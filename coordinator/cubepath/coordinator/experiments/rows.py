@@ -3,8 +3,6 @@
 A row is a dict with all keys; None means unknown.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

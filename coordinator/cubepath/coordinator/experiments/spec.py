@@ -4,8 +4,6 @@ A file and the command line are expanded in the same order: by system, rule, clo
 faults and, fastest, seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, lru_cache, partial
@@ -13,14 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
-from cubepath.agents.rules.registry import (
-    find_rule,
-    forget_rule_files,
-    own_rule,
-    permitted_rule,
-    rule_for,
-    unknown_rule,
-)
+from cubepath.agents.rules import registry
 from cubepath.coordinator.experiments.instances import standard
 from cubepath.coordinator.experiments.options import SweepOptions
 from cubepath.coordinator.experiments.published import PublishedResults, ReportNotes, published_in
@@ -111,8 +102,8 @@ class Sweep(SweepOptions):
 
 def _check_rules(rules: Iterable[str]) -> None:
     for rule in rules:
-        if find_rule(rule) is None:
-            raise unknown_rule(rule)
+        if registry.find_rule(rule) is None:
+            raise registry.unknown_rule(rule)
 
 
 def _check_names(key: str, given: Iterable[str], known: Sequence[str]) -> None:
@@ -179,7 +170,7 @@ def expand(sweep: Sweep) -> Expansion:
     InputError if a system or a rule is unknown, or if no combination fits; combinations that do not
     fit are else left out, each with a line on why. Files are read anew.
     """
-    forget_rule_files()
+    registry.forget_rule_files()
     _scene.cache_clear()
     code = code_version()
     left_out: list[str] = []
@@ -267,8 +258,8 @@ def _of_scene(
 ) -> Iterator[RunSetting]:
     hashed = scene_hash(scene)
     best_known, proved = _known_of(scene, hashed)
-    axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
-    fitting = cache(partial(rule_for, scene=scene))  # as slow as a large scene makes it
+    axes = (sweep.rules or (registry.own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
+    fitting = cache(partial(registry.rule_for, scene=scene))  # as slow as a large scene makes it
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:
@@ -325,7 +316,7 @@ def read_sweep_file(path: Path, *, own_rules: bool = True, data: Path | None = N
         if not own_rules:
             table.pop("rules", None)
         for rule in _several(table["rules"]) if "rules" in table else ():
-            permitted_rule(_text("rules", rule))
+            registry.permitted_rule(_text("rules", rule))
         return sweep_from_table(table, data or path.parent)
     except InputError as error:
         line = str(error)

@@ -3,8 +3,6 @@
 Resampling is seeded, so the same numbers give the same answer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import comb, exp, lgamma, log, log1p, sqrt
 from typing import NamedTuple

@@ -8,8 +8,6 @@ are at least the fewest cubes that its rule ever took there; these are at least 
 rounds over the best known is a product of three ratios, each 1 or more.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence

@@ -4,8 +4,6 @@ Faults occur at the rates of the setting, drawn from the seed. Without faults, t
 the same run in compiled code, which the simulator checks.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Workers: processes on the cores of this machine, or those of a dask cluster."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

@@ -4,8 +4,6 @@ It decides as `cubepath.protocol.core.actions.end_at` does on sets. The state ma
 part, as in `cubepath.protocol.path_files.moves.read_moves`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

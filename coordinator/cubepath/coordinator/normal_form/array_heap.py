@@ -5,8 +5,6 @@ It puts an interface that grows around the heap of pieces of
 Sources: as there.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ of dependent moves is found from the last cube down. `cubepath.coordinator.verif
 explains what the certificate proves, and checks it without trusting this module.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@
 numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Sources: as there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -5,8 +5,6 @@ with `cubepath.coordinator.normal_form.heap`: `cubepath verify` compares the two
 able to prove the other wrong.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise

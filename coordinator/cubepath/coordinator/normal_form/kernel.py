@@ -22,8 +22,6 @@ move; `cubepath.coordinator.normal_form.heap.Heap` has the proof.
 piece, and at most four for the size of its level.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -19,8 +19,6 @@ same order (see `cubepath.coordinator.verification.proof`). If every duration is
 one less than the number of its cube in the normal cube path.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import count

@@ -3,8 +3,6 @@
 How much of its run a recording holds decides what a replay can be compared with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

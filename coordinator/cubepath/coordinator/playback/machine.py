@@ -5,8 +5,6 @@ carries out its effects. So a test plays an hour in no time. Orders and their an
 which are JSON on the wire: docs/replay.md specifies the keys.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice

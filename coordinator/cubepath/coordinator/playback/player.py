@@ -5,31 +5,14 @@ original keys but a new run id, and a fresh coordinator gathers them. Without ro
 of keepers are put back too. Anything else that is connected to the router receives them as well.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Collection
 from queue import Empty, SimpleQueue
 from typing import Self, TypeAlias, Unpack
 
+from cubepath.coordinator.playback import machine
 from cubepath.coordinator.playback.comparing import ReplayResult
-from cubepath.coordinator.playback.machine import (
-    Order,
-    Pause,
-    PendingOrder,
-    Play,
-    PlayerStatus,
-    Rate,
-    Seek,
-    StatusQuery,
-    StepBack,
-    StepForward,
-    Stop,
-    Toggle,
-    Unit,
-    checked,
-)
 from cubepath.coordinator.playback.playing import PlayOptions, ReplaySession
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import Source
@@ -38,7 +21,7 @@ from cubepath.protocol.recordings.recording import Recording, recording_of
 
 _OVER = "the replay is over: expected another Player(...) for another replay"
 _LOOK_S = 0.1
-_Answers: TypeAlias = SimpleQueue[PlayerStatus | ReplayResult | str]
+_Answers: TypeAlias = SimpleQueue[machine.PlayerStatus | ReplayResult | str]
 
 
 class Player:
@@ -105,7 +88,7 @@ class Player:
     def close(self) -> None:
         """Stop, and leave nothing behind; nothing if that has been done."""
         if self._thread.is_alive():
-            self._playing.ask(PendingOrder(Stop, lambda _: None, lambda _: None))
+            self._playing.ask(machine.PendingOrder(machine.Stop, lambda _: None, lambda _: None))
             self._thread.join()
 
     def _run(self) -> None:
@@ -121,53 +104,53 @@ class Player:
 
     # Orders.
 
-    def play(self) -> PlayerStatus:
+    def play(self) -> machine.PlayerStatus:
         """Play on from where it stands; returns at once."""
-        return self.order(Play())
+        return self.order(machine.Play())
 
-    def pause(self) -> PlayerStatus:
+    def pause(self) -> machine.PlayerStatus:
         """Put nothing more."""
-        return self.order(Pause())
+        return self.order(machine.Pause())
 
-    def toggle(self) -> PlayerStatus:
+    def toggle(self) -> machine.PlayerStatus:
         """Pause if it plays, and play on if it is paused."""
-        return self.order(Toggle())
+        return self.order(machine.Toggle())
 
-    def step(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
+    def step(self, unit: machine.Unit = "message", count: int = 1) -> machine.PlayerStatus:
         """Put the next messages, or all up to the end of a round or level, and pause there."""
-        return self.order(StepForward(unit, count))
+        return self.order(machine.StepForward(unit, count))
 
-    def back(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
+    def back(self, unit: machine.Unit = "message", count: int = 1) -> machine.PlayerStatus:
         """Go back by messages, or to where the round of the last message began, and pause."""
-        return self.order(StepBack(unit, count))
+        return self.order(machine.StepBack(unit, count))
 
-    def seek(self, to: int | str) -> PlayerStatus:
+    def seek(self, to: int | str) -> machine.PlayerStatus:
         """Go to where a round, level or time begins: 12, "12", "3.5s". It plays on if it did."""
-        return self.order(Seek(str(to)))
+        return self.order(machine.Seek(str(to)))
 
-    def rate(self, rate: float | str) -> PlayerStatus:
+    def rate(self, rate: float | str) -> machine.PlayerStatus:
         """Play at another rate from now on: 10 rounds or levels a second, "2x", "max"."""
-        return self.order(Rate(rate=str(rate)))
+        return self.order(machine.Rate(rate=str(rate)))
 
-    def stop(self) -> PlayerStatus:
+    def stop(self) -> machine.PlayerStatus:
         """End the replay."""
-        return self.order(Stop())
+        return self.order(machine.Stop())
 
     @property
-    def position(self) -> PlayerStatus:
+    def position(self) -> machine.PlayerStatus:
         """Return where it stands."""
-        return self.order(StatusQuery())
+        return self.order(machine.StatusQuery())
 
-    def order(self, order: Order) -> PlayerStatus:
+    def order(self, order: machine.Order) -> machine.PlayerStatus:
         """Give an order, and return where it stands when it was carried out.
 
         InputError if that cannot be, CheckError if the replay is over, and what has ended it.
         """
-        checked(order)
+        machine.checked(order)
         found = self._ask(
-            lambda answers: PendingOrder(lambda: order, answers.put, answers.put), None
+            lambda answers: machine.PendingOrder(lambda: order, answers.put, answers.put), None
         )
-        if isinstance(found, PlayerStatus):
+        if isinstance(found, machine.PlayerStatus):
             return found
         raise CheckError(_OVER)
 
@@ -179,9 +162,12 @@ class Player:
         """
         limit = None if timeout_s is None else seconds("timeout_s", timeout_s)
 
-        def asked(answers: _Answers) -> PendingOrder:
-            return PendingOrder(
-                StatusQuery, lambda _: answers.put(self._playing.result()), answers.put, at_end=True
+        def asked(answers: _Answers) -> machine.PendingOrder:
+            return machine.PendingOrder(
+                machine.StatusQuery,
+                lambda _: answers.put(self._playing.result()),
+                answers.put,
+                at_end=True,
             )
 
         found = self._ask(asked, limit)
@@ -197,8 +183,8 @@ class Player:
         return self._over.is_set()
 
     def _ask(
-        self, asked: Callable[[_Answers], PendingOrder], limit: float | None
-    ) -> PlayerStatus | ReplayResult | None:
+        self, asked: Callable[[_Answers], machine.PendingOrder], limit: float | None
+    ) -> machine.PlayerStatus | ReplayResult | None:
         """Return the answer, or None if the replay is over."""
         if not self._entered:
             raise CheckError("the player has not begun: expected 'with Player(...) as player:'")

@@ -4,8 +4,6 @@ Everything arrives through one queue, so zenoh's callbacks do no work, and order
 from Python and from zenoh are carried out in their order of arrival.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 import uuid
@@ -17,6 +15,7 @@ from typing import Any, Literal, Self, TypeAlias, TypedDict, Unpack
 import msgspec
 import zenoh
 
+from cubepath.coordinator.playback import timeline
 from cubepath.coordinator.playback.comparing import (
     Comparison,
     ReplayResult,
@@ -45,14 +44,6 @@ from cubepath.coordinator.playback.selection import (
     SegmentComparison,
     check_run,
 )
-from cubepath.coordinator.playback.timeline import (
-    Cursor,
-    PlaybackRate,
-    Timeline,
-    TimelinePosition,
-    read_pace,
-    read_spot,
-)
 from cubepath.coordinator.runs.asking import RunInfo, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.options import real_number, seconds
@@ -60,17 +51,10 @@ from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire import sessions
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import (
-    is_heard,
-    open_client,
-    publisher,
-    put,
-    subscribe,
-    wait_for_ear,
-)
 
 _PATIENCE_S_MAX = 30.0
 _REST_S_MAX = 0.5
@@ -136,7 +120,7 @@ class ReplaySession:
         """Check all options; InputError if one of them is wrong. Nothing is opened yet."""
         given = PlayOptions(**options)
         self.recording = recording
-        self.reel = Timeline(recording)
+        self.reel = timeline.Timeline(recording)
         pace = _pace(given.get("rate"), by_wall=self.reel.by_wall)
         self._selection = PlayedMessages(
             recording,
@@ -176,7 +160,7 @@ class ReplaySession:
         self._resources = contextlib.ExitStack()
         self._arrived = self._sent = 0
         self._played = Counter[str]()
-        self._seen: list[tuple[Cursor, Cursor]] = []
+        self._seen: list[tuple[timeline.Cursor, timeline.Cursor]] = []
         self._since = self._last = self._machine.mark
         self._own_keys = f"{player_key(self.run)}/"
         self._asked: list[PendingOrder] = []
@@ -191,9 +175,9 @@ class ReplaySession:
             self.endpoint = router.endpoint
             # It speaks for all modules, which the coordinator alone may.
             lead = router.credentials(COORDINATOR)
-            self._mouth = open_client(self.endpoint, credentials=lead)
+            self._mouth = sessions.open_client(self.endpoint, credentials=lead)
             opening.callback(self._mouth.close)
-            self._ear = open_client(self.endpoint, credentials=lead)
+            self._ear = sessions.open_client(self.endpoint, credentials=lead)
             opening.callback(self._ear.close)
             queries = answer_queries(self._mouth, self.run, self._queue.put)
             opening.callback(queries.undeclare)
@@ -214,10 +198,10 @@ class ReplaySession:
 
     def _listen(self) -> Callable[[], None]:
         """Listen to the run, and return what ends that."""
-        heard = subscribe(self._ear, everything(self.run), self._enqueue)
+        heard = sessions.subscribe(self._ear, everything(self.run), self._enqueue)
         # Messages put before the subscriber is known here would be lost silently.
         own = f"{player_key(self.run)}/ear"
-        wait_for_ear(self._ear, self._mouth, own, _PATIENCE_S_MAX)
+        sessions.wait_for_ear(self._ear, self._mouth, own, _PATIENCE_S_MAX)
         return heard.undeclare
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
@@ -256,9 +240,9 @@ class ReplaySession:
         self._gather()
         self._answer(at_end=True)
 
-    def _put(self, kind: str, key: str, data: bytes, mark: Cursor) -> None:
-        put(self._mouth, key, data)
-        self._last = Cursor(mark.chunk, mark.place + 1)
+    def _put(self, kind: str, key: str, data: bytes, mark: timeline.Cursor) -> None:
+        sessions.put(self._mouth, key, data)
+        self._last = timeline.Cursor(mark.chunk, mark.place + 1)
         if key.startswith(self._keys.within):
             self._sent += 1
         if not self._seen or not any(low <= mark < high for low, high in self._seen):
@@ -269,8 +253,8 @@ class ReplaySession:
             return
         deadline = time.monotonic() + self._wait_s
         # The own ear listens only then: it would be the subscriber that is waited for.
-        with publisher(self._mouth, everything(self.run)) as everything_said:
-            while not (is_heard(everything_said) or self._machine.stopped):
+        with sessions.publisher(self._mouth, everything(self.run)) as everything_said:
+            while not (sessions.is_heard(everything_said) or self._machine.stopped):
                 if time.monotonic() >= deadline:
                     raise CheckError(
                         f"no subscriber to {everything(self.run)} within {self._wait_s:g} s"
@@ -297,13 +281,13 @@ class ReplaySession:
             sites=list(in_order(state.on)),
             modules=list(state.sites),
         )
-        put(self._mouth, position_key(self.run), msgspec.json.encode(position))
+        sessions.put(self._mouth, position_key(self.run), msgspec.json.encode(position))
         if self._is_start(machine.mark):
             self._segments.restart()
         else:
             self._segments.jump(state)
 
-    def _is_start(self, mark: Cursor) -> bool:
+    def _is_start(self, mark: timeline.Cursor) -> bool:
         """Return whether nothing that the run is gathered from stands before a mark."""
         needed = self._selection.needed
         return all(record.kind not in needed for _, record in self.reel.backward(mark, needed))
@@ -311,7 +295,7 @@ class ReplaySession:
     def _cover(self) -> None:
         """Note which part was played, since what is played again counts once."""
         if self._last > self._since:
-            merged: list[tuple[Cursor, Cursor]] = []
+            merged: list[tuple[timeline.Cursor, timeline.Cursor]] = []
             for low, high in sorted([*self._seen, (self._since, self._last)]):
                 if merged and low <= merged[-1][1]:
                     merged[-1] = merged[-1][0], max(merged[-1][1], high)
@@ -478,19 +462,19 @@ class ReplaySession:
         )
 
 
-def _pace(given: float | str | None, *, by_wall: bool) -> PlaybackRate:
+def _pace(given: float | str | None, *, by_wall: bool) -> timeline.PlaybackRate:
     if given is None:
-        return PlaybackRate()
+        return timeline.PlaybackRate()
     if isinstance(given, str):
-        return read_pace(given, by_wall=by_wall)
+        return timeline.read_pace(given, by_wall=by_wall)
     rate = real_number("rate", given)
     if not rate > 0:
         raise InputError(f"rate={given}: expected more than 0 rounds a second")
-    return PlaybackRate(rate, "clock" if by_wall else "step")
+    return timeline.PlaybackRate(rate, "clock" if by_wall else "step")
 
 
-def _spot(name: str, given: int | str | None) -> TimelinePosition | None:
-    return None if given is None else read_spot(given, name)
+def _spot(name: str, given: int | str | None) -> timeline.TimelinePosition | None:
+    return None if given is None else timeline.read_spot(given, name)
 
 
 def _several(name: str, given: Collection[str]) -> Collection[str]:

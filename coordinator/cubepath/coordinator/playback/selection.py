@@ -6,8 +6,6 @@ modules stood. Without rounds, a state is the start with all commits so far appl
 between save reading them again.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ does so before its processes join and as long as its router runs; a liveliness t
 shows whether the run is still under way.
 """
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Sequence

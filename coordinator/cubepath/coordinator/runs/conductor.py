@@ -4,8 +4,6 @@ It is pure, like the nodes: messages come in, and messages for the recording com
 zenoh and a simulated one use the same conductor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -15,16 +13,7 @@ from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import (
-    Certified,
-    Cube,
-    Edges,
-    Message,
-    Refused,
-    Reports,
-    Stopped,
-    Summary,
-)
+from cubepath.protocol.wire import messages as wire
 
 Ended: TypeAlias = Literal["goal", "max-rounds", "failed", "interrupted"]
 
@@ -45,7 +34,7 @@ class Conductor:
         scene: Scene,
         *,
         max_rounds: int,
-        record: Callable[[Message], object],
+        record: Callable[[wire.Message], object],
         assignment: Assignment | None = None,
         repair: bool = False,
         recorded_rounds: int | None = None,
@@ -75,26 +64,26 @@ class Conductor:
         """Know the modules of each process and the seeds of the run, by which it can `check`."""
         self.gatherer.plausibility.know(modules_of, seed, later_seeds)
 
-    def check(self, message: Message) -> None:
+    def check(self, message: wire.Message) -> None:
         """Check that what modules say or report can be, given where they stand; or RefusedError."""
         self.gatherer.plausibility.check(message)
 
-    def hear(self, message: Message) -> None:
+    def hear(self, message: wire.Message) -> None:
         """Take a message that belongs on record; CheckError if reports contradict each other."""
         match message:
-            case Reports(parts=reports):
+            case wire.Reports(parts=reports):
                 for report in reports:
                     self.gatherer.receive(report)
-            case Refused(count=count):
+            case wire.Refused(count=count):
                 self.refused += count
             case _:
                 pass
 
     def _step(self, step: Step) -> None:
-        self._record(Edges(step.round, list(step.executed)))
+        self._record(wire.Edges(step.round, list(step.executed)))
 
     @property
-    def stopped(self) -> Stopped | None:
+    def stopped(self) -> wire.Stopped | None:
         """Return where the schedule stopped, None if it did not or there is none."""
         return None if self._execution is None else self._execution.stopped
 
@@ -146,7 +135,7 @@ class Conductor:
         stopped = self.stopped
         return RunEnd("failed", error if stopped is None else f"{told(stopped)}; then {error}")
 
-    def results(self, ending: RunEnd) -> Iterator[Cube | Certified | Summary]:
+    def results(self, ending: RunEnd) -> Iterator[wire.Cube | wire.Certified | wire.Summary]:
         """Yield the results of the run: its cubes, their certificate and the summary."""
         return results_of(
             self.gatherer,
@@ -163,8 +152,8 @@ def results_of(
     *,
     refused: int,
     schedule_cubes: int | None = None,
-    schedule_stopped: Stopped | None = None,
-) -> Iterator[Cube | Certified | Summary]:
+    schedule_stopped: wire.Stopped | None = None,
+) -> Iterator[wire.Cube | wire.Certified | wire.Summary]:
     """Yield the results of a run: its cubes, their certificate and the summary.
 
     All is found before the first is yielded, so that none waits for another that takes long.
@@ -174,7 +163,7 @@ def results_of(
     proof = certificate_of(
         gatherer.numbered, start=gatherer.scene.start_state, found=heap.normal_form(), as_text=True
     )
-    summary = Summary(
+    summary = wire.Summary(
         round=rounds,
         ended=ending.ended,
         error=ending.error,
@@ -190,6 +179,6 @@ def results_of(
         refused=refused,
     )
     for index, cube in enumerate(gatherer.cubes(), 1):
-        yield Cube(rounds, index, list(cube))
-    yield Certified(rounds, proof)
+        yield wire.Cube(rounds, index, list(cube))
+    yield wire.Certified(rounds, proof)
     yield summary

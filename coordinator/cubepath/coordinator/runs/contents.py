@@ -1,7 +1,5 @@
 """The contents of a recording, for people and for machines; nothing in it is checked here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -16,15 +14,7 @@ from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.cutting import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT, Counts
 from cubepath.protocol.recordings.recording import Recording, recording_of
-from cubepath.protocol.wire.messages import (
-    Certified,
-    Edges,
-    Message,
-    Ready,
-    Refused,
-    Summary,
-    decode,
-)
+from cubepath.protocol.wire import messages as wire
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
 _NUMBERS = ("reduced_moves", "cubes", "max_cube_dimension", "goal_reached", "path_digest")
@@ -115,7 +105,7 @@ def counted_processes(recording: Recording) -> dict[str, str]:
     if "wait_for" in parameters and "processes" not in parameters:
         joined: set[int] = set()
         for message in _decoded(recording, "ready"):
-            if not isinstance(message, Ready) or message.phase != "join":
+            if not isinstance(message, wire.Ready) or message.phase != "join":
                 break
             joined.add(message.process)
         if joined:
@@ -131,17 +121,17 @@ def _described(parameters: Mapping[str, str], key: str) -> object:
         return value
 
 
-def _result(recording: Recording) -> tuple[Summary | None, int | None, int | None]:
+def _result(recording: Recording) -> tuple[wire.Summary | None, int | None, int | None]:
     """Return the summary, and the numbers of rounds and moves, None if nothing tells them."""
-    summary: Summary | None = None
+    summary: wire.Summary | None = None
     for message in _decoded(recording, "summary"):
-        if isinstance(message, Summary):
+        if isinstance(message, wire.Summary):
             summary = message
     if summary is not None:
         return summary, summary.rounds, summary.moves
     edges: dict[int, int] = {}
     for message in _decoded(recording, "edges"):
-        if isinstance(message, Edges):
+        if isinstance(message, wire.Edges):
             edges[message.round] = len(message.moves)
     if edges:
         return None, len(edges), sum(edges.values())
@@ -150,16 +140,16 @@ def _result(recording: Recording) -> tuple[Summary | None, int | None, int | Non
     return None, None, None
 
 
-def _decoded(recording: Recording, kind: str) -> Iterator[Message]:
+def _decoded(recording: Recording, kind: str) -> Iterator[wire.Message]:
     for record in recording.of_kind(kind):
         try:
-            message = decode(record.data)
+            message = wire.decode(record.data)
         except InputError:
             continue  # left to `cubepath verify`
         yield message
 
 
-def _schedule(summary: Summary | None) -> dict[str, Any]:
+def _schedule(summary: wire.Summary | None) -> dict[str, Any]:
     """Return the number of cubes of the schedule that was carried out, and where it stopped."""
     if summary is None or summary.schedule_cubes is None:
         return {}
@@ -170,7 +160,7 @@ def _schedule(summary: Summary | None) -> dict[str, Any]:
 def _certificate(recording: Recording) -> dict[str, Any]:
     """Return how many pairs of moves cancelled, and the length of the certificate's chain."""
     for message in _decoded(recording, "certificate"):
-        if isinstance(message, Certified):
+        if isinstance(message, wire.Certified):
             found = message.certificate
             return {"certificate": {"cancelled": len(found.cancelled), "chain": len(found.chain)}}
     return {}
@@ -180,7 +170,7 @@ def _refused(recording: Recording) -> list[dict[str, Any]]:
     """Return what was refused by sender and reason, with the first key and line, and how often."""
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for message in _decoded(recording, "refused"):
-        if isinstance(message, Refused):
+        if isinstance(message, wire.Refused):
             told = found.setdefault(
                 (message.sender, message.reason),
                 {"sender": message.sender, "reason": message.reason, "count": 0}

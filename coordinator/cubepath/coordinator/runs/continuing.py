@@ -5,8 +5,6 @@ states. From then on it follows a rule, from where it stands and with no memory.
 any other, in processes, and its recording names the one it started from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from pathlib import Path
 

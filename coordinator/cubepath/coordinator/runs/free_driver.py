@@ -4,8 +4,6 @@ It starts the fleet and listens; nothing in the run waits for it. The run ends w
 at their goal, at a given level, or when no module has made progress for a given time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -12,8 +12,6 @@ the claims and the ranks, which tells a liar from the modules it lied to. When a
 the state advances.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -27,19 +25,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import (
-    Bundle,
-    Claim,
-    Executed,
-    Message,
-    Part,
-    Presence,
-    Ready,
-    Report,
-    Reports,
-    Verdict,
-    kind_of,
-)
+from cubepath.protocol.wire import messages as wire
 
 
 class Plausibility:
@@ -79,7 +65,7 @@ class Plausibility:
         self._round += 1
         self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
-        self._reports: dict[int, Report] = {}
+        self._reports: dict[int, wire.Report] = {}
         self._moves: dict[tuple[int, GeneratorPlacement], Move | None] = {}
         self._near: dict[tuple[int, bool], frozenset[str]] = {}
         self._settling: Settling | None = None
@@ -87,30 +73,30 @@ class Plausibility:
 
     def _begin_phase(self, phase: str) -> None:
         self._phase = phase
-        self._said: dict[tuple[type[Part], int], Part] = {}
-        self._to: dict[tuple[type[Part], int], set[str]] = {}
+        self._said: dict[tuple[type[wire.Part], int], wire.Part] = {}
+        self._to: dict[tuple[type[wire.Part], int], set[str]] = {}
         """By kind and module what was sent in this phase, and to which regions."""
         self._counts: dict[int, Counter[str]] = {}
         self._through: set[int] = set()
 
-    def check(self, message: Message) -> None:
+    def check(self, message: wire.Message) -> None:
         """Check a message of this round, which comes once, and take it; RefusedError if it cannot.
 
         That a process is `ready` is checked after everything that it sent in the phase. It must
         have sent everything that was due, and once all are through, verdicts and reports must
         agree.
         """
-        if isinstance(message, Bundle | Ready) and message.phase != self._phase:
+        if isinstance(message, wire.Bundle | wire.Ready) and message.phase != self._phase:
             self._begin_phase(message.phase)
         match message:
-            case Bundle():
+            case wire.Bundle():
                 self._check_said(message)
                 self._take_said(message)
-            case Reports(parts=reports):
+            case wire.Reports(parts=reports):
                 for report in reports:
                     self._check_report(report)
                 self._reports |= {report.module: report for report in reports}
-            case Ready(phase="sense" | "claim" | "settle"):
+            case wire.Ready(phase="sense" | "claim" | "settle"):
                 self._check_through(message)
                 self._through.add(message.process)
                 if message.phase == "settle" and len(self._through) == len(self._modules_of):
@@ -120,7 +106,7 @@ class Plausibility:
 
     # Outgoing messages.
 
-    def _check_said(self, said: Bundle) -> None:
+    def _check_said(self, said: wire.Bundle) -> None:
         if said.process in self._through:
             refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
         if not said.parts:
@@ -136,22 +122,22 @@ class Plausibility:
             if said.region not in self._regions(part):
                 refuse("out of place", f"{_to(part, said)}: no module is there to receive it")
 
-    def _check_part(self, part: Part) -> None:
+    def _check_part(self, part: wire.Part) -> None:
         """Check what a module says, apart from where it goes."""
         if self.sites[part.module] != part.site:
-            refuse("impossible", self._elsewhere(kind_of(part), part.module, part.site))
+            refuse("impossible", self._elsewhere(wire.kind_of(part), part.module, part.site))
         match part:
-            case Claim(generator=generator, at=at):
+            case wire.Claim(generator=generator, at=at):
                 move = self._move(part.module, GeneratorPlacement(generator, at))
                 if move is None or not move.possible(self._state):
                     where = f"claim of module_{part.module}: {generator} at {site_text(at)}"
                     refuse("impossible", f"{where} is not admissible")
-            case Verdict():
+            case wire.Verdict():
                 self._check_verdict(part)
             case _:
                 pass
 
-    def _check_verdict(self, verdict: Verdict) -> None:
+    def _check_verdict(self, verdict: wire.Verdict) -> None:
         name = f"verdict of module_{verdict.module}"
         if verdict.module not in self._claims:
             refuse("impossible", f"{name}, which claims nothing")
@@ -159,7 +145,7 @@ class Plausibility:
         if set(verdict.to) != due:
             refuse("impossible", f"{name}: it goes to modules other than those that wait for it")
 
-    def _take_said(self, said: Bundle) -> None:
+    def _take_said(self, said: wire.Bundle) -> None:
         self._counts.setdefault(said.process, Counter())[said.region] += 1
         for part in said.parts:
             key = type(part), part.module
@@ -169,20 +155,20 @@ class Plausibility:
             self._said[key] = part
             self._to[key] = {said.region}
             match part:
-                case Claim(generator=generator, at=at):
+                case wire.Claim(generator=generator, at=at):
                     move = self._move(part.module, GeneratorPlacement(generator, at))
                     if move is not None:
                         self._claims[part.module] = move
-                case Verdict(granted=granted):
+                case wire.Verdict(granted=granted):
                     self._verdicts[part.module] = granted
                 case _:
                     pass
 
-    def _regions(self, part: Part) -> frozenset[str]:
+    def _regions(self, part: wire.Part) -> frozenset[str]:
         """Return the regions that a part goes to."""
-        if isinstance(part, Verdict):
+        if isinstance(part, wire.Verdict):
             return frozenset(self._system.region(place) for place in part.to)
-        return self._regions_from(part.module, sensed=type(part) is Presence)
+        return self._regions_from(part.module, sensed=type(part) is wire.Presence)
 
     def _regions_from(self, module: int, *, sensed: bool) -> frozenset[str]:
         """Return the regions that a module speaks to in this round."""
@@ -203,7 +189,7 @@ class Plausibility:
 
     # What is due.
 
-    def _check_through(self, ready: Ready) -> None:
+    def _check_through(self, ready: wire.Ready) -> None:
         process = ready.process
         said = self._counts.get(process, Counter())
         if said != Counter(ready.sent):  # a count of zero is none
@@ -216,13 +202,15 @@ class Plausibility:
                 # It went to no other region than those, and to each once.
                 elif len(self._to[kind, module]) < len(self._regions(part)):
                     missing = min(self._regions(part) - self._to[kind, module])
-                    refuse("contradicts", f"no {kind_of(part)} of module_{module} to {missing}")
+                    refuse(
+                        "contradicts", f"no {wire.kind_of(part)} of module_{module} to {missing}"
+                    )
 
-    def _check_silent(self, kind: type[Part], module: int) -> None:
+    def _check_silent(self, kind: type[wire.Part], module: int) -> None:
         """Check that nobody waits for what a module does not say."""
-        if kind is Presence and self._regions_from(module, sensed=True):
+        if kind is wire.Presence and self._regions_from(module, sensed=True):
             refuse("contradicts", f"module_{module} does not say that it is here")
-        if kind is Verdict and module in self._claims and self._waiting_for(module):
+        if kind is wire.Verdict and module in self._claims and self._waiting_for(module):
             refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
 
     def _waiting_for(self, module: int) -> set[Site]:
@@ -266,7 +254,7 @@ class Plausibility:
         action = self._system.action(placed.generator, at)  # it may have other names
         return next((move for move in self._system.moves_at(site) if move.action == action), None)
 
-    def _check_report(self, report: Report) -> None:
+    def _check_report(self, report: wire.Report) -> None:
         module = report.module
         name = f"report of module_{module}"
         if self.sites[module] != report.before:
@@ -286,7 +274,7 @@ class Plausibility:
                 "impossible", f"{name}: it ends at {site_text(report.site)}, where nothing takes it"
             )
 
-    def _check_move(self, name: str, report: Report) -> None:
+    def _check_move(self, name: str, report: wire.Report) -> None:
         module = report.module
         move = None if report.move is None else self._move(module, report.move)
         if move is None:
@@ -315,7 +303,7 @@ class Plausibility:
 
     # The end of a round.
 
-    def carry_out(self, reports: Mapping[int, Report]) -> None:
+    def carry_out(self, reports: Mapping[int, wire.Report]) -> None:
         """End the round: make the moves reported; CheckError names a report that cannot be.
 
         The claims of modules need not be known.
@@ -367,8 +355,8 @@ class Plausibility:
                     after[standing[source]] = target
 
 
-def _to(part: Part, said: Bundle) -> str:
-    return f"{kind_of(part)} of module_{part.module} to {said.region}"
+def _to(part: wire.Part, said: wire.Bundle) -> str:
+    return f"{wire.kind_of(part)} of module_{part.module} to {said.region}"
 
 
 class Gatherer(Gathered):
@@ -386,7 +374,7 @@ class Gatherer(Gathered):
         self.sites = list(scene.start)
         self._digest = PathDigest()
         self._watch = watch
-        self._waiting: dict[int, dict[int, Report]] = {}
+        self._waiting: dict[int, dict[int, wire.Report]] = {}
         self.plausibility = Plausibility(scene)
 
     @property
@@ -435,12 +423,12 @@ class Gatherer(Gathered):
         whole = (n for n, each in self._waiting.items() if len(each) == len(self.sites))
         return min(whole, default=None)
 
-    def waiting(self) -> list[Report]:
+    def waiting(self) -> list[wire.Report]:
         """Return the reports of the rounds that are not released yet, in the order of rounds."""
         rounds = (reports for _, reports in sorted(self._waiting.items()))
         return [reports[module] for reports in rounds for module in sorted(reports)]
 
-    def receive(self, report: Report) -> None:
+    def receive(self, report: wire.Report) -> None:
         """Take a report; CheckError if two differ, or if it cannot be."""
         if not 0 <= report.module < len(self.sites):
             raise CheckError(f"a report of module_{report.module}: no such module in this run")
@@ -455,9 +443,9 @@ class Gatherer(Gathered):
         while len(self._waiting.get(self.rounds + 1, ())) == len(self.sites):
             self._release(self._waiting.pop(self.rounds + 1))
 
-    def _release(self, reports: dict[int, Report]) -> None:
+    def _release(self, reports: dict[int, wire.Report]) -> None:
         path = self._path
-        executed: list[Executed] = []
+        executed: list[wire.Executed] = []
         names: list[int] = []
         failures: list[tuple[int, str]] = []
         self.plausibility.carry_out(reports)
@@ -467,7 +455,7 @@ class Gatherer(Gathered):
             if report.failed is not None:
                 failures.append((module, report.failed))
             if report.move is not None:
-                executed.append(Executed(module, report.move.generator, report.move.at))
+                executed.append(wire.Executed(module, report.move.generator, report.move.at))
                 names.append(path.name(report.move))
         self._digest.add(self.rounds + 1, executed)
         if failures:

@@ -1,7 +1,5 @@
 """Gathering a recording again, of a run with rounds or without."""
 
-from __future__ import annotations
-
 from fnmatch import fnmatchcase
 from typing import NoReturn
 

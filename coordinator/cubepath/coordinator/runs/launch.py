@@ -1,7 +1,5 @@
 """Runs by name or by plan: to the end in one call, or begun and then stepped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Unpack
 

@@ -1,7 +1,5 @@
 """Listeners of a run: functions that are called with its messages, and taps that hold them."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import cache, partial

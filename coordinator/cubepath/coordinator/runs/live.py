@@ -5,8 +5,6 @@ rule, the others repeat their recorded choices. As long as the live ones do as b
 equals the recorded one; so the first difference comes from a live module.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from contextlib import ExitStack

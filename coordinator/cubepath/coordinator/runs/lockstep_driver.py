@@ -3,8 +3,6 @@
 It starts the fleet, paces rounds and listens; it decides nothing for a module.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import Any

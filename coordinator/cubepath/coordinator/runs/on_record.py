@@ -4,8 +4,6 @@ The run that repeats it derives everything again, so nothing in the recording is
 module checks only that reports and claims fit together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -27,19 +25,10 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.credentials import process_name
-from cubepath.protocol.wire.messages import (
-    ChosenActions,
-    Claim,
-    Note,
-    Part,
-    Ready,
-    Report,
-    Verdict,
-    kind_of,
-)
 
-Words: TypeAlias = dict[tuple[str, int], Part | Report]
+Words: TypeAlias = dict[tuple[str, int], wire.Part | wire.Report]
 """What modules sent and reported in a round, by kind and module."""
 _KINDS = ("note", "claim", "verdict", "report")
 
@@ -82,14 +71,14 @@ def on_record(recording: Recording) -> RecordedDecisions:
     own_modules: set[int] = set()
     for logged in recording.messages((*_KINDS, "ready", "actions")):
         match logged.message:
-            case Note() | Claim() | Verdict() | Report() as part:
+            case wire.Note() | wire.Claim() | wire.Verdict() | wire.Report() as part:
                 if 1 <= part.round <= len(words):
-                    words[part.round - 1][kind_of(part), part.module] = part
-                if isinstance(part, Report) and logged.topic.rpartition("/")[2] in own:
+                    words[part.round - 1][wire.kind_of(part), part.module] = part
+                if isinstance(part, wire.Report) and logged.topic.rpartition("/")[2] in own:
                     own_modules.add(part.module)
-            case Ready(phase="join", process=process, rule=str()):
+            case wire.Ready(phase="join", process=process, rule=str()):
                 own.add(process_name(process))
-            case ChosenActions():
+            case wire.ChosenActions():
                 raise InputError(
                     f"{recording.path}: its modules were driven from outside, expected a rule"
                 )
@@ -143,7 +132,7 @@ def _check_kind(recording: Recording) -> None:
 def _whole(words: Sequence[Words]) -> int:
     """Return up to which round nothing is missing that is known to have been sent."""
     for place, said in enumerate(words):
-        for report in (each for each in said.values() if isinstance(each, Report)):
+        for report in (each for each in said.values() if isinstance(each, wire.Report)):
             heard = {(kind, sender) for kind, sender in report.deliveries() if kind in _KINDS}
             lost = report.claim == "lost" and ("claim", report.module) not in said
             if lost or not heard <= said.keys():
@@ -155,9 +144,9 @@ def _choice(recording: Recording, said: Words, after: Words, module: int) -> Rec
     """Return what a module chose in a round; of the next one only its note counts."""
     report, claim = said["report", module], said.get(("claim", module))
     note = after.get(("note", module))
-    assert isinstance(report, Report)  # noqa: S101 - rounds are whole
+    assert isinstance(report, wire.Report)  # noqa: S101 - rounds are whole
     move = report.move
-    if isinstance(claim, Claim):
+    if isinstance(claim, wire.Claim):
         placed = GeneratorPlacement(claim.generator, claim.at)
         if report.claim == "none" or (report.claim == "granted" and move != placed):
             raise InputError(
@@ -165,13 +154,13 @@ def _choice(recording: Recording, said: Words, after: Words, module: int) -> Rec
                 f" {move_text(placed)}, and reports {report.claim}, {move_text(move)}"
             )
         move = placed
-    return RecordedChoice(move, note.note if isinstance(note, Note) else None, report.failed)
+    return RecordedChoice(move, note.note if isinstance(note, wire.Note) else None, report.failed)
 
 
 def _note_length(words: Iterable[Words]) -> int:
     for said in words:
         for part in said.values():
-            if isinstance(part, Note):
+            if isinstance(part, wire.Note):
                 return len(part.note)
     return 0
 

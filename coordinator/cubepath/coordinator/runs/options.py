@@ -1,7 +1,5 @@
 """The options of a run, each declared once: for Python, the command line, and the checks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What to run: a checked plan, the name of its recording, and the parameters recorded in it."""
 
-from __future__ import annotations
-
 import platform
 import re
 import sys

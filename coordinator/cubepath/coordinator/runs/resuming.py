@@ -9,8 +9,6 @@ show which records a log must have. The numbers of a keeper only grow along its 
 to compare the last ones.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import Counter
@@ -21,17 +19,8 @@ from typing import BinaryIO, NamedTuple, TypeAlias
 
 from cubepath.agents.free.config import ON_CRASH
 from cubepath.agents.free.fleet import INCARNATIONS, LogsInfo, log_of, read_incarnations
+from cubepath.agents.keepers import journal
 from cubepath.agents.keepers.attempts import chain_of
-from cubepath.agents.keepers.journal import (
-    Acknowledged,
-    Committed,
-    Decided,
-    JoinedRecord,
-    Opened,
-    Prepared,
-    Record,
-    read_log,
-)
 from cubepath.agents.rules.registry import is_in_file, permitted_rule
 from cubepath.coordinator.runs.free_gatherer import Commits
 from cubepath.coordinator.runs.plan import Plan, RunTask
@@ -40,17 +29,7 @@ from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import locked_file, unwritable
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.free_messages import (
-    FREE_KINDS,
-    Attempt,
-    Commit,
-    CommitLog,
-    Decision,
-    Entered,
-    FreeMessage,
-    Replies,
-    decode_free,
-)
+from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 
@@ -84,47 +63,47 @@ class _Known:
         self._entered: Counter[int] = Counter()
         self._epochs: dict[int, tuple[int, Path]] = {}
 
-    def record(self, keeper: int, record: Record | Opened, where: Path) -> None:
+    def record(self, keeper: int, record: journal.Record | journal.Opened, where: Path) -> None:
         """Note a record in the log of a keeper, and of what it says of other logs."""
         match record:
-            case Opened(incarnation=incarnation):
+            case journal.Opened(incarnation=incarnation):
                 self._has[_Key(keeper, _OPENED)] = (incarnation,)
-            case Prepared(passed=passed):
+            case journal.Prepared(passed=passed):
                 attempt = passed.attempt
                 self._log(_Key(keeper, _PREPARED, attempt.module), attempt.epoch, attempt.number)
                 self._attempted(keeper, attempt, where)
-            case Committed(passed=passed, decision=decision):
+            case journal.Committed(passed=passed, decision=decision):
                 self._has[_Key(keeper, _COMMIT)] = self._committed(decision, where)
                 self._attempted(keeper, passed.attempt, where)
-            case Decided(decision=decision):
+            case journal.Decided(decision=decision):
                 self._log(_Key(keeper, _DECIDED, decision.module), decision.epoch, decision.number)
                 self._committed(decision, where)
-            case Acknowledged():
+            case journal.Acknowledged():
                 key = _Key(record.keeper, _DECIDED, record.module)
                 self._tell(key, (record.epoch, record.number), where)
-            case JoinedRecord(enter=enter):
+            case journal.JoinedRecord(enter=enter):
                 self._entered[enter.module] += 1
 
-    def message(self, message: FreeMessage, where: Path) -> None:
+    def message(self, message: free_messages.FreeMessage, where: Path) -> None:
         """Note what a message in the recording says of the logs."""
         match message:
-            case Commit():
+            case free_messages.Commit():
                 self._moved(message, where)
-            case CommitLog(keeper=keeper, serial=serial, incarnation=incarnation):
+            case free_messages.CommitLog(keeper=keeper, serial=serial, incarnation=incarnation):
                 self._tell(_Key(keeper, _COMMIT), (serial,), where)
                 self._tell(_Key(keeper, _OPENED), (incarnation,), where)
                 for moved in message.parts:
                     self._moved(moved, where)
-            case Replies(parts=parts):
+            case free_messages.Replies(parts=parts):
                 for part in parts:
-                    if isinstance(part, Entered):
+                    if isinstance(part, free_messages.Entered):
                         self._acted(part.occupant.module, part.occupant.epoch, where)
-                    elif isinstance(part, Decision):
+                    elif isinstance(part, free_messages.Decision):
                         self._committed(part, where)
             case _:
                 pass
 
-    def _attempted(self, keeper: int, attempt: Attempt, where: Path) -> None:
+    def _attempted(self, keeper: int, attempt: free_messages.Attempt, where: Path) -> None:
         """Every keeper before this one in the chain has prepared it."""
         try:
             chain = chain_of(self._system, self._tiles, attempt)
@@ -136,10 +115,10 @@ class _Known:
                 self._tell(key, (attempt.epoch, attempt.number), where)
         self._acted(attempt.module, attempt.epoch, where)
 
-    def _committed(self, decision: Decision, where: Path) -> _Number:
+    def _committed(self, decision: free_messages.Decision, where: Path) -> _Number:
         return () if decision.commit is None else self._moved(decision.commit, where)
 
-    def _moved(self, moved: Commit, where: Path) -> _Number:
+    def _moved(self, moved: free_messages.Commit, where: Path) -> _Number:
         if moved.keeper >= len(self._commits):
             raise InputError(f"{where}: has a commit of keeper_{moved.keeper}, which the run lacks")
         try:
@@ -204,7 +183,7 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
         path = log_of(folder, keeper)
         try:
             with path.open("rb") as file:
-                for line in read_log(path, file, incarnations.run, keeper):
+                for line in journal.read_log(path, file, incarnations.run, keeper):
                     known.record(keeper, line.record, path)
         except FileNotFoundError:
             continue  # its keeper may never have been started
@@ -213,7 +192,7 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
     for record in recording.of_kind("commit", "commits", "replies"):
-        known.message(decode_free(record.data), recording.path)
+        known.message(free_messages.decode_free(record.data), recording.path)
     known.check(incarnations)
 
 
@@ -309,4 +288,4 @@ def _speeds(told: Mapping[str, str]) -> dict[int, float]:
 
 def is_said(kind: str) -> bool:
     """Return whether a record of this kind was on the wire, and is not a result."""
-    return kind in FREE_KINDS or kind == "refused"
+    return kind in free_messages.FREE_KINDS or kind == "refused"

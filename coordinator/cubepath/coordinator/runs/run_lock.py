@@ -3,8 +3,6 @@
 Interrupts become exceptions that are raised between two messages, never in the middle of one.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Generator

@@ -5,8 +5,6 @@ obstacle is in its way. During the run the coordinator reads the reports, and be
 round once a module has given up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from cubepath.coordinator.runs.edge_path import Gathered

@@ -8,8 +8,6 @@ Without rounds, units are counted along the cubes from the start, so each module
 its own moves, how often their units have been written and read before.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Places follow from the start state and the reported moves, so a recording is rea
 Pictures and films are drawn from the snapshots.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias

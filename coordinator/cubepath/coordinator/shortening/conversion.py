@@ -4,8 +4,6 @@ The input is checked as for shortening. Two files are the same if they hold equa
 their forms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

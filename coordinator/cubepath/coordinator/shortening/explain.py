@@ -4,8 +4,6 @@ A certificate is put into words only after `cubepath.coordinator.verification.pr
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

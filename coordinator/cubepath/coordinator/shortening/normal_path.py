@@ -4,8 +4,6 @@ The heap of pieces is built here, once for each path. Cubes, certificate and tim
 the level and the partner that each move got.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The file is opened once and checked as far as possible before it is used. All pa
 share what is read here, and none goes back to the file.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

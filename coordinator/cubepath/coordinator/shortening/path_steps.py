@@ -4,8 +4,6 @@ Self-contained moves are drawn too, if they have "before" and "after" and their 
 lattice in the plane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise

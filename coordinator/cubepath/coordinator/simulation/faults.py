@@ -8,8 +8,6 @@ In runs without rounds a fault happens at any time and place, up to a last one. 
 run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random

@@ -6,8 +6,6 @@ dictionaries, from the commits alone. Commits arrive in the order in which they 
 a legal path; each is checked against all earlier ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import TypeAlias
 

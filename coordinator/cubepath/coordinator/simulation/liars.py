@@ -5,8 +5,6 @@ same message is changed in the same way whenever it is repeated. A liar speaks o
 as routers ensure, so it publishes on no key of another.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from random import Random
@@ -17,23 +15,8 @@ from msgspec.structs import replace
 from cubepath.coordinator.simulation.faults import SAYS, Fault, Faults
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.keys import key_of
-from cubepath.protocol.wire.messages import (
-    Bundle,
-    Claim,
-    Message,
-    Note,
-    Part,
-    Presence,
-    Ready,
-    Report,
-    Reports,
-    Retransmit,
-    Verdict,
-    decode,
-    encode,
-    kind_of,
-)
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 
 _FLOOD = 40
@@ -100,7 +83,7 @@ class Liar:
         return known
 
     def _first_said(self, put: Put) -> list[Put]:
-        message = self._without_the_silent(decode(put.data))
+        message = self._without_the_silent(wire.decode(put.data))
         where = self._name + SAYS
         nth = self._counts[where]
         self._counts[where] += 1
@@ -114,8 +97,8 @@ class Liar:
         self._tell(self._name, fault)
         return lie
 
-    def _without_the_silent(self, message: Message) -> Message:
-        if not isinstance(message, Ready):
+    def _without_the_silent(self, message: wire.Message) -> wire.Message:
+        if not isinstance(message, wire.Ready):
             return message
         counts = {
             region: count - self._silent[message.round, message.phase, region]
@@ -123,10 +106,10 @@ class Liar:
         }
         return replace(message, sent={region: n for region, n in counts.items() if n})
 
-    def _puts(self, *messages: Message) -> list[Put]:
-        return [Put(key_of(self._run, each), encode(each)) for each in messages]
+    def _puts(self, *messages: wire.Message) -> list[Put]:
+        return [Put(key_of(self._run, each), wire.encode(each)) for each in messages]
 
-    def _lie(self, kind: str, message: Message, random: Random) -> list[Put] | None:
+    def _lie(self, kind: str, message: wire.Message, random: Random) -> list[Put] | None:
         """Return what is put instead; None if there is no such lie about this message."""
         true = self._puts(message)
         match kind:
@@ -142,32 +125,34 @@ class Liar:
                 changed = self._other(kind, message, random)
                 return None if changed in (None, [message]) else self._puts(*changed or [])
 
-    def _flood(self, message: Message, random: Random) -> list[Put]:
+    def _flood(self, message: wire.Message, random: Random) -> list[Put]:
         found = [Put(f"{self._puts(message)[0].key}", random.randbytes(9)) for _ in range(3)]
-        if isinstance(message, Bundle):
+        if isinstance(message, wire.Bundle):
             more = [replace(message, number=random.randrange(1 << 20)) for _ in range(_FLOOD)]
             return [*found, *self._puts(*more)]
-        if isinstance(message, Ready):
-            again = Retransmit(message.round, message.process, "sense", "0")
+        if isinstance(message, wire.Ready):
+            again = wire.Retransmit(message.round, message.process, "sense", "0")
             return [*found, *self._puts(*[again] * _FLOOD)]
         return [*found, *self._puts(*[message] * _FLOOD)]
 
-    def _other(self, kind: str, message: Message, random: Random) -> list[Message] | None:
+    def _other(self, kind: str, message: wire.Message, random: Random) -> list[wire.Message] | None:
         match message:
-            case Bundle():
+            case wire.Bundle():
                 return self._other_said(kind, message, random)
-            case Reports(parts=parts):
+            case wire.Reports(parts=parts):
                 place = random.randrange(len(parts))
                 other = self._other_report(kind, parts[place], random)
                 return [replace(message, parts=_with(parts, place, other))]
-            case Ready(sent=said) if kind == "lie-count":
+            case wire.Ready(sent=said) if kind == "lie-count":
                 region = random.choice([*said, "0"])
                 count = max(0, said.get(region, 0) + random.choice((-1, 1, 2)))
                 return [replace(message, sent={**said, region: count})]
             case _:
                 return None
 
-    def _other_said(self, kind: str, said: Bundle, random: Random) -> list[Message] | None:
+    def _other_said(
+        self, kind: str, said: wire.Bundle, random: Random
+    ) -> list[wire.Message] | None:
         if kind == "lie-silence":
             self._silent[said.round, said.phase, said.region] += 1
             return []
@@ -178,31 +163,31 @@ class Liar:
         other = self._other_part(kind, parts[place], random)
         return [replace(said, parts=_with(parts, place, other))]
 
-    def _other_part(self, kind: str, part: Part, random: Random) -> Part:  # noqa: PLR0911 - by kind
+    def _other_part(self, kind: str, part: wire.Part, random: Random) -> wire.Part:  # noqa: PLR0911 - by kind
         match part, kind:
             case _, "lie-site":
                 return replace(part, site=self._site(random))
             case _, "lie-other":
                 return replace(part, module=random.randrange(len(self._scene.start)))
-            case Claim(), "lie-claim":
+            case wire.Claim(), "lie-claim":
                 move = self._move(part.site, random)
                 return replace(part, generator=move.generator, at=move.at)
-            case Presence(), "lie-claim":  # before its time
+            case wire.Presence(), "lie-claim":  # before its time
                 move = self._move(part.site, random)
-                return Claim(part.round, part.module, part.site, move.generator, move.at)
-            case Verdict(granted=granted, to=to), "lie-verdict":
+                return wire.Claim(part.round, part.module, part.site, move.generator, move.at)
+            case wire.Verdict(granted=granted, to=to), "lie-verdict":
                 other = self._scene.system.place_of(self._site(random))
                 turned = random.randrange(3) > 0
                 return replace(
                     part, granted=granted ^ turned, to=to if turned else [other, *to[1:]]
                 )
-            case Note(note=note), "lie-note" if note:
+            case wire.Note(note=note), "lie-note" if note:
                 place = random.randrange(len(note))
                 return replace(part, note=_with(note, place, random.randrange(-5, 50)))
             case _:
                 return part
 
-    def _other_report(self, kind: str, report: Report, random: Random) -> Report:
+    def _other_report(self, kind: str, report: wire.Report, random: Random) -> wire.Report:
         match kind:
             case "lie-site":
                 return replace(report, site=self._site(random))
@@ -217,7 +202,7 @@ class Liar:
             case _:
                 return report
 
-    def _other_move(self, report: Report, random: Random) -> Report:
+    def _other_move(self, report: wire.Report, random: Random) -> wire.Report:
         if report.move is not None and random.randrange(2):
             claim = random.choice(("none", "lost"))
             return replace(report, move=None, claim=claim, site=report.before)
@@ -253,17 +238,17 @@ _ABOUT = {
 """The lie that there is about a kind of part alone; instead of where it is a module may claim."""
 
 
-def possible_lies(message: Message) -> Sequence[str]:
+def possible_lies(message: wire.Message) -> Sequence[str]:
     """Return the kinds of lies that there are about a message."""
     anything = ("lie-withhold", "lie-double", "lie-old", "lie-flood")
     match message:
-        case Bundle(parts=parts):
+        case wire.Bundle(parts=parts):
             about = ["lie-site", "lie-other", "lie-part", "lie-silence"]
-            about += sorted({_ABOUT[kind_of(part)] for part in parts})
+            about += sorted({_ABOUT[wire.kind_of(part)] for part in parts})
             return (*anything, *about)
-        case Reports():
+        case wire.Reports():
             return (*anything, "lie-site", "lie-other", "lie-report", "lie-heard")
-        case Ready():
+        case wire.Ready():
             return (*anything, "lie-count")
         case _:
             return anything

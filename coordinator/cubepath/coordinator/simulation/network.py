@@ -8,8 +8,6 @@ Events are kept in order as a trace, from which pictures are drawn: the same see
 trace.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ recording of every run must pass `verify`. The coordinator is one node, which do
 and conductor do in a run over zenoh.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable

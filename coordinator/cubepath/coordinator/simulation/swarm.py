@@ -7,8 +7,6 @@ is written as a recording, with a picture of its messages. Runs with rounds and 
 separate seeds.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence

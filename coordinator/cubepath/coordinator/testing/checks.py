@@ -3,8 +3,6 @@
 Otherwise a fault with a misspelt name never happens, and the test passes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -3,8 +3,6 @@
 Each runs under a `ward`, which ends it together with everything it started.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -3,8 +3,6 @@
 The plugin imports this when a fixture is used.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress

@@ -9,8 +9,6 @@ One direction of a link carries messages in their order, through rules, from one
 Zenoh's callbacks only enqueue; a thread does the work.
 """
 
-from __future__ import annotations
-
 import contextlib
 import heapq
 import threading

@@ -1,7 +1,5 @@
 """Recordings replayed into the code under test: a function, a node, a process, a rule."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack

@@ -4,8 +4,6 @@ Where possible a rule does not depend on the time of arrival: with a probability
 message and the seed decide, so every run loses the same messages.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import OrderedDict, deque

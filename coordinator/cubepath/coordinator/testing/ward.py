@@ -9,8 +9,6 @@ too, unless it hears that all is well.
     python -I -S ward.py FD [COMMAND ...]
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

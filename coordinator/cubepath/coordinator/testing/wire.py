@@ -1,7 +1,5 @@
 """The wire of a run under test: a link for each process, and the rules that hold on all of them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace

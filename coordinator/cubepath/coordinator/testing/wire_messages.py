@@ -5,37 +5,14 @@ need not know the clock. Small tables of messages, for the text of a failure, sh
 around a place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from cubepath.protocol.wire import free_messages, messages as wire
 from cubepath.protocol.wire.credentials import keeper_name, process_name
-from cubepath.protocol.wire.free_messages import (
-    FREE_KINDS,
-    CommitQuery,
-    Forwarded,
-    Forwards,
-    FreeMessage,
-    Replies,
-    Requests,
-    RetransmitRange,
-    TileUpdate,
-    decode_free,
-    level_of,
-)
 from cubepath.protocol.wire.keys import topic_in_key
-from cubepath.protocol.wire.messages import (
-    KINDS,
-    Bundle,
-    Message,
-    NoMessageError,
-    decode,
-    kind_of,
-    parts_of,
-)
 
 _PHASES = {"reports": "settle", "observations": "observe", "actions": "observe"}
 """The phases of the kinds that do not name theirs."""
@@ -46,7 +23,7 @@ PARTS = (
     *("place", "entered", "held", "turn"),
 )
 """The kinds of parts, in runs without rounds."""
-KNOWN = frozenset((*KINDS, *FREE_KINDS, *PARTS))
+KNOWN = frozenset((*wire.KINDS, *free_messages.FREE_KINDS, *PARTS))
 """Every kind that a rule or a condition may name."""
 
 
@@ -64,12 +41,12 @@ class WireMessage:
     """When it was seen, in seconds of the run's clock."""
 
     @cached_property
-    def message(self) -> Message | FreeMessage | None:
+    def message(self) -> wire.Message | free_messages.FreeMessage | None:
         """The message; None if the bytes hold none."""
-        for read in (decode, decode_free):
+        for read in (wire.decode, free_messages.decode_free):
             try:
                 return read(self.data)
-            except NoMessageError:
+            except wire.NoMessageError:
                 continue
         return None
 
@@ -77,7 +54,7 @@ class WireMessage:
     def kind(self) -> str:
         """The kind of the message, as ``bundle``, ``ready``, ``go``, ``requests`` or ``commit``."""
         found: Any = self.message
-        return "unknown" if found is None else kind_of(found)
+        return "unknown" if found is None else wire.kind_of(found)
 
     @property
     def sender(self) -> str:
@@ -88,15 +65,19 @@ class WireMessage:
     def to(self) -> str:
         """To whom it is put: a process, a keeper, a region or a tile; empty if to everyone."""
         match self.message:
-            case Bundle(region=region):
+            case wire.Bundle(region=region):
                 return region
-            case Requests(keeper=keeper) | Forwards(to=keeper) | CommitQuery(keeper=keeper):
+            case (
+                free_messages.Requests(keeper=keeper)
+                | free_messages.Forwards(to=keeper)
+                | free_messages.CommitQuery(keeper=keeper)
+            ):
                 return keeper_name(keeper)
-            case Replies(process=process):
+            case free_messages.Replies(process=process):
                 return process_name(process)
-            case TileUpdate(tile=tile):
+            case free_messages.TileUpdate(tile=tile):
                 return tile
-            case RetransmitRange(to=name):
+            case free_messages.RetransmitRange(to=name):
                 return name
             case _:
                 topic = topic_in_key(self.key).split("/")
@@ -110,7 +91,7 @@ class WireMessage:
         if found is None:
             return None
         number = getattr(found, "round", None)
-        return number if number is not None else level_of(found) or None
+        return number if number is not None else free_messages.level_of(found) or None
 
     @cached_property
     def phase(self) -> str:
@@ -126,11 +107,11 @@ class WireMessage:
     def contents(self) -> tuple[Any, ...]:
         """The parts themselves, in the order of `parts`; a message without parts is its own."""
         found: Any = self.message
-        return () if found is None else tuple(getattr(found, "parts", parts_of(found)))
+        return () if found is None else tuple(getattr(found, "parts", wire.parts_of(found)))
 
     def _parts(self) -> Iterator[tuple[str, int | None]]:
         for part in self.contents:
-            about: Any = part.attempt if isinstance(part, Forwarded) else part
+            about: Any = part.attempt if isinstance(part, free_messages.Forwarded) else part
             module = getattr(about, "module", None)
             yield str(part.__struct_config__.tag), module if isinstance(module, int) else None
 

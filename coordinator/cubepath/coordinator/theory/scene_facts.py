@@ -4,8 +4,6 @@ Effort is bounded by counts and never by time, so the results are the same every
 computes each once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field

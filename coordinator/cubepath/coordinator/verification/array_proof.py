@@ -10,8 +10,6 @@ Cost: as for the reference, one pass over the path for each check, plus sorting 
 rows. Space: a few numbers for each move, each site, and each time that a site is written.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import chain
 from typing import NamedTuple

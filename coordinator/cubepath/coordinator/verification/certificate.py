@@ -5,8 +5,6 @@ at the end, and that given cubes are the cubes of the certificate. It uses nothi
 certificates or shortens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import TypeAlias

@@ -5,8 +5,6 @@ with a run it shares the catalogue and the neighbourhoods of the system (`sensed
 and how sites are encoded). It asks no rule: code that has rules implements `RoundPlayer`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Set as AbstractSet
 from functools import lru_cache, partial
 from typing import NamedTuple, Protocol, TypeAlias

@@ -32,8 +32,6 @@ the other. Two paths from one start are homotopic if they are equal after everyt
 removed. Time is linear in the supports, and nothing is shared with shortening.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence, Set as AbstractSet
 from itertools import chain
 from typing import NamedTuple

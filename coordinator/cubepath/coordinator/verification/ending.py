@@ -5,8 +5,6 @@ gave up, the schedule stopped, the goal was reached, or the rounds were over. A 
 compared with the reports, up to where it stopped, without any of the code that assigned the moves.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from typing import NamedTuple

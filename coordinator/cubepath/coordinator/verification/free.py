@@ -3,8 +3,6 @@
 Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -44,16 +42,7 @@ from cubepath.protocol.path_files.durations import schedule_from_jsonl
 from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import (
-    CommitLog,
-    Forwards,
-    FreeMessage,
-    Replies,
-    Requests,
-    TileUpdate,
-    Turns,
-    decode_free,
-)
+from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Summary, encode
 
@@ -179,7 +168,7 @@ def _check_said(
     )
     for record in recording.records:
         try:
-            message = decode_free(record.data)
+            message = free_messages.decode_free(record.data)
         except InputError:
             continue  # it is reported already
         checks.take(record, message)
@@ -211,22 +200,22 @@ class _Checks(NamedTuple):
     tails: Tails
     turns: TurnsOfModules
 
-    def take(self, record: Record, message: FreeMessage) -> None:
+    def take(self, record: Record, message: free_messages.FreeMessage) -> None:
         """Check a message."""
         match message:
-            case Turns():
+            case free_messages.Turns():
                 self.turns.turns(message)
-            case Requests():
+            case free_messages.Requests():
                 self.attempts.asked(message)
                 self.shown.looks(record, message)
-            case Replies():
+            case free_messages.Replies():
                 self.attempts.told(record, message)
                 self.shown.held(record, message)
-            case Forwards():
+            case free_messages.Forwards():
                 self.attempts.told(record, message)
-            case TileUpdate():
+            case free_messages.TileUpdate():
                 self.shown.shows(record, message)
-            case CommitLog():
+            case free_messages.CommitLog():
                 self.tails.tail(record, message)
             case _:
                 pass

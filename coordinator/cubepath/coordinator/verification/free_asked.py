@@ -3,8 +3,6 @@
 Part of `cubepath verify`. Contents are compared by hashes of 64 bits, within one process.
 """
 
-from __future__ import annotations
-
 from array import array
 from bisect import bisect_left
 from collections.abc import Hashable, Iterable, Iterator

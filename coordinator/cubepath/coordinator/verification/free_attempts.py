@@ -5,8 +5,6 @@ was committed. It also checks that modules act in epochs in which they joined, a
 with incarnations.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Callable, Iterator
 

@@ -21,15 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.verification import free_units
 from cubepath.coordinator.verification.free_transcript import commit_text
-from cubepath.coordinator.verification.free_units import (
-    NO_SITE,
-    changed_by,
-    held_by,
-    on_unit,
-    unit_in,
-    units_of,
-)
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.actions import Action
@@ -245,7 +238,7 @@ class History:
         self._moves: list[tuple[str, Site, Action]] = []
         self._carried = array("i"), array("q"), array("q"), array("i")
         """The moves as they were carried out: commit, level, module, and which move it is."""
-        self.units_of = lru_cache(maxsize=_KEPT)(partial(units_of, self.system))
+        self.units_of = lru_cache(maxsize=_KEPT)(partial(free_units.units_of, self.system))
         for module, site in enumerate(scene.start):
             _add(self._modules[module], site=self._number(site), since=0, noted=-1, own=-1)
         self.attempts = array("q"), array("q"), array("q")
@@ -313,7 +306,7 @@ class History:
         return None if number < 0 else self.commits[number]
 
     def _at_start(self, unit: Site) -> Site | None:
-        return on_unit(self.system, unit, self._start[0])
+        return free_units.on_unit(self.system, unit, self._start[0])
 
     # An order in which all can have happened.
 
@@ -342,7 +335,7 @@ class History:
 
     def _sort(self, number: int, moved: Commit, units: UnitAccesses, modules: UnitAccesses) -> None:
         def add(value: Site, version: int, what: int) -> None:
-            unit = unit_in(self.system, value)
+            unit = free_units.unit_in(self.system, value)
             if unit is None:
                 self._fail("units", f"{commit_text(moved)}: {value!r} is no unit")
             else:
@@ -354,9 +347,9 @@ class History:
             add(value, version, reads)
         for value, version in moved.guarded:
             add(value, version, GUARD)
-        for module, version in changed_by(moved).items():
+        for module, version in free_units.changed_by(moved).items():
             modules.add(module, version - 1, 0, number)
-        for module, version in held_by(moved).items():
+        for module, version in free_units.held_by(moved).items():
             modules.add(module, version, READ, number)
 
     def _check_versions(self, units: UnitAccesses, modules: UnitAccesses) -> None:
@@ -419,11 +412,11 @@ class History:
         else:
             try:
                 self._move(number, moved)
-            except NO_SITE as error:
+            except free_units.NO_SITE as error:
                 self._fail("units", f"{commit_text(moved)}: {error}")
         contents = {module: note for _, module, _, note in moved.notes}
         moves = {module for module, *_ in moved.motion}
-        for module in changed_by(moved):
+        for module in free_units.changed_by(moved):
             if not 0 <= module < len(self.sites):
                 continue
             known = self._modules[module]
@@ -526,7 +519,9 @@ class History:
             self.reads[unit][-1] += 1
             self.read_levels[unit][-1] = max(level, self.read_levels[unit][-1])
         for unit in writes:
-            self._shows[unit].append(self._number(on_unit(self.system, unit, self._standing)))
+            self._shows[unit].append(
+                self._number(free_units.on_unit(self.system, unit, self._standing))
+            )
             self.reads[unit].append(0)
             self.levels[unit].append(level)
             self.read_levels[unit].append(0)

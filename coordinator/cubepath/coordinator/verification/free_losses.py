@@ -5,8 +5,6 @@ where a message that would have carried the evidence is missing, nothing is clai
 contradiction is a failure in any case.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from cubepath.coordinator.verification.findings import StageFailures

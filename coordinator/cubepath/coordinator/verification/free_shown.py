@@ -3,8 +3,6 @@
 Part of `cubepath verify`.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Iterator
 from itertools import pairwise

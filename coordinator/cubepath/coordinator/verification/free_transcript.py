@@ -6,8 +6,6 @@ Only results are kept whole: of a commit its numbers are kept, of other messages
 hashes each. Once all commits are known the messages are read again, and checked one by one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
@@ -30,6 +28,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.free_messages import (
     Commit,
     CommitLog,
@@ -56,15 +55,6 @@ from cubepath.protocol.wire.free_messages import (
     free_sender,
 )
 from cubepath.protocol.wire.keys import Tiles
-from cubepath.protocol.wire.messages import (
-    Certified,
-    Cube,
-    Edges,
-    Executed,
-    Refused,
-    Summary,
-    encode,
-)
 
 AttemptId: TypeAlias = Name
 """Which attempt: module, epoch, number."""
@@ -214,7 +204,7 @@ class FreeReading:
         if isinstance(message, Requests | Forwards | Replies | Turns | CommitLog):
             if not parts and not isinstance(message, CommitLog):
                 self._fail("messages", f"{where} is empty")
-            if len(parts) > 1 and len(set(map(encode, parts))) < len(parts):
+            if len(parts) > 1 and len(set(map(wire.encode, parts))) < len(parts):
                 self._fail("messages", f"{where} holds a part twice")
 
     def _strays(self, parts: Iterable[msgspec.Struct]) -> bool:
@@ -243,7 +233,7 @@ class FreeReading:
         elif isinstance(message, Requests | Forwards | Replies | TileUpdate | CommitLog):
             self._sort_said(where, message)
         elif not isinstance(message, Halted):
-            if isinstance(message, Cube | Certified):
+            if isinstance(message, wire.Cube | wire.Certified):
                 self._check_level(where, message)
             self._result(message)
 
@@ -328,30 +318,30 @@ class FreeReading:
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{where}: {name} comes twice, and differs")
 
-    def _check_level(self, where: Record, message: Cube | Certified) -> None:
+    def _check_level(self, where: Record, message: wire.Cube | wire.Certified) -> None:
         if self._whole and message.round != self._level:
             self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
 
     def _result(self, message: FreeMessage) -> None:
         found, results = self.found, self.found.results
         match message:
-            case Edges(round=level):
+            case wire.Edges(round=level):
                 if found.edges.get(level) is not None:
                     self._fail("edges", f"level {level}: its edges come twice")
                 found.edges.setdefault(level, edges_hash(message.moves))
-            case Cube():
+            case wire.Cube():
                 results.take(self._moves.cube(message), self._fail)
-            case Certified() | Summary():
+            case wire.Certified() | wire.Summary():
                 results.take(message, self._fail)
-            case Refused(count=count):
+            case wire.Refused(count=count):
                 results.refused += count
             case _:
                 pass
 
 
-def edges_hash(moves: Sequence[Executed]) -> int:
+def edges_hash(moves: Sequence[wire.Executed]) -> int:
     """Return a number that stands for the coordinator's edges of a level, within this process."""
-    return hash(encode(moves))
+    return hash(wire.encode(moves))
 
 
 def attempt_text(name: AttemptId) -> str:

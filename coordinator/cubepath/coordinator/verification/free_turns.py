@@ -4,8 +4,6 @@ Part of `cubepath verify`: a turn names the versions of what it was shown, and t
 was there. It asks no rule: code that has rules implements `FreePlayer`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol

@@ -3,8 +3,6 @@
 Part of `cubepath verify`, from the catalogue alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from cubepath.protocol.core.actions import Action

@@ -3,8 +3,6 @@
 Part of `cubepath verify`; `cubepath.coordinator.verification.rounds` derives the rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 

@@ -5,8 +5,6 @@ is the order in which the coordinator sent and received them, and holds one phas
 docs/protocol.md has the phases.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 

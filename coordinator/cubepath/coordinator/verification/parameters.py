@@ -8,8 +8,6 @@ to a round, and which from there on, each stage with the seed of ranks and of ra
 rules can be asked again.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain

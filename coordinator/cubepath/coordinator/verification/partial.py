@@ -10,21 +10,12 @@ what they remember follows from everything before, so after the hole each messag
 separately too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, overload
 
-from cubepath.coordinator.verification.findings import (
-    NO_END,
-    Check,
-    Failures,
-    MissingMessages,
-    Progress,
-    Verification,
-)
+from cubepath.coordinator.verification import findings
 from cubepath.coordinator.verification.parameters import check_parameters
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail
 from cubepath.protocol.core.errors import InputError
@@ -62,14 +53,14 @@ def why_partial(recording: Recording) -> str | None:
 
 
 def verify_partial(
-    recording: Recording, checks: Iterable[str], why: str, progress: Progress | None
-) -> Verification:
+    recording: Recording, checks: Iterable[str], why: str, progress: findings.Progress | None
+) -> findings.Verification:
     """Check each message by itself; `rounds` counts the whole ones, of which all have reported.
 
     Without rounds it counts the levels of which there are commits. The moves and cubes are those in
     the recording: nothing is derived.
     """
-    failures = Failures(checks)
+    failures = findings.Failures(checks)
     fail = failures.stage(0)
     for problem in recording.problems:
         fail("readable", problem)
@@ -88,10 +79,10 @@ def verify_partial(
                 progress(1)
     unchecked = {name: f"not checked: {why}" for name in checks if name not in _CHECKED}
     made = failures.checks(unchecked)
-    return Verification(
+    return findings.Verification(
         ok=all(check.ok for check in made),
         complete=False,
-        missing=MissingMessages(0, max(last + 1 - count, left_out(recording))),
+        missing=findings.MissingMessages(0, max(last + 1 - count, left_out(recording))),
         checks=made,
         moves=moves_in(recording),
         rounds=whole.count,
@@ -283,14 +274,14 @@ def blocks_before(recording: Recording, hole: Hole) -> Blocks:
 
 
 def verify_with_hole(
-    recording: Recording, hole: Hole, verified: Callable[[Recording], Verification]
-) -> Verification:
+    recording: Recording, hole: Hole, verified: Callable[[Recording], findings.Verification]
+) -> findings.Verification:
     """Verify what stands before a hole by `verified`, and the messages behind it one by one.
 
     Moves, rounds and cubes are derived, and so are those before the hole.
     """
     found = verified(before(recording, hole))
-    failures = Failures(check.name for check in found.checks)
+    failures = findings.Failures(check.name for check in found.checks)
     fail = failures.stage(0)
     for problem in recording.problems:
         fail("readable", problem)
@@ -307,12 +298,12 @@ def verify_with_hole(
         found,
         ok=all(check.ok for check in checks),
         complete=False,
-        missing=MissingMessages(max(begun, 0), found.missing.messages + hole.messages),
+        missing=findings.MissingMessages(max(begun, 0), found.missing.messages + hole.messages),
         checks=checks,
     )
 
 
-def _joined(before: Check, message_by_message: Check, why: str) -> Check:
+def _joined(before: findings.Check, message_by_message: findings.Check, why: str) -> findings.Check:
     """Return a check of the whole recording."""
     if not before.ok or not message_by_message.ok:
         return message_by_message if before.ok else before
@@ -320,5 +311,7 @@ def _joined(before: Check, message_by_message: Check, why: str) -> Check:
         return before
     told = before.detail.removeprefix("not checked: ")
     # The closing messages may stand behind the hole.
-    details = [why] if before.checked or before.detail == NO_END else [why, told]
-    return Check(before.name, ok=True, detail="; ".join(filter(None, details)), checked=False)
+    details = [why] if before.checked or before.detail == findings.NO_END else [why, told]
+    return findings.Check(
+        before.name, ok=True, detail="; ".join(filter(None, details)), checked=False
+    )

@@ -30,8 +30,6 @@ the definition, to name the moves at fault.
 From the project it imports only the definition of an action.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 

@@ -5,8 +5,6 @@ recordings; `cubepath.coordinator.verification.rounds` derives the rounds. It us
 gatherer nor the heap, nor anything from the agents.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import inf
 

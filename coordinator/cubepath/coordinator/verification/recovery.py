@@ -4,8 +4,6 @@ Part of `cubepath log recover -o`. What cannot be true is found at the first mes
 contradicts it; `verify` judges the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

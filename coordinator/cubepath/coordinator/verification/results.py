@@ -3,8 +3,6 @@
 Part of `cubepath verify`; runs with rounds and without both end with `concluded`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set as AbstractSet
 from itertools import pairwise
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Stretches of rounds in words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import TypeAlias

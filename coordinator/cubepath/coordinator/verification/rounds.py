@@ -6,8 +6,6 @@ are derived again, by their definitions. So are the regions to which each part o
 go.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence, Set as AbstractSet
@@ -29,16 +27,7 @@ from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.wire.messages import (
-    Bundle,
-    Claim,
-    Executed,
-    Note,
-    Part,
-    Report,
-    Verdict,
-    kind_of,
-)
+from cubepath.protocol.wire import messages as wire
 
 _SAID_IN = {"presence": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
 
@@ -58,14 +47,14 @@ class Batches:
         numbers: dict[tuple[int, str, str], set[int]] = {}
         gone: dict[tuple[str, int], set[str]] = {}
         for batch in this.batches:
-            if isinstance(batch, Bundle):
+            if isinstance(batch, wire.Bundle):
                 key = (batch.process, batch.phase, batch.region)
                 numbers.setdefault(key, set()).add(batch.number)
             for part in batch.parts:
                 self._check_process(part, batch.process)
-                if isinstance(batch, Bundle) and not isinstance(part, Report):
+                if isinstance(batch, wire.Bundle) and not isinstance(part, wire.Report):
                     self._check_phase(part, batch.phase)
-                    gone.setdefault((kind_of(part), part.module), set()).add(batch.region)
+                    gone.setdefault((wire.kind_of(part), part.module), set()).add(batch.region)
         for (process, phase, region), found in sorted(numbers.items()):
             if found != set(range(len(found))):
                 self._fail(
@@ -76,7 +65,7 @@ class Batches:
         for who, regions in sorted(gone.items()):
             self._check_regions(this.said.get(who), regions)
 
-    def _check_process(self, part: Part | Report, process: int) -> None:
+    def _check_process(self, part: wire.Part | wire.Report, process: int) -> None:
         if self._process_of.setdefault(part.module, process) != process:
             self._fail(
                 "bundle",
@@ -84,12 +73,12 @@ class Batches:
                 f" process_{self._process_of[part.module]}",
             )
 
-    def _check_phase(self, part: Part, phase: str) -> None:
-        due = _SAID_IN[kind_of(part)]
+    def _check_phase(self, part: wire.Part, phase: str) -> None:
+        due = _SAID_IN[wire.kind_of(part)]
         if phase != due:
             self._fail("bundle", f"{named(part)} is said in phase {phase}, not in {due}")
 
-    def _check_regions(self, part: Part | None, regions: set[str]) -> None:
+    def _check_regions(self, part: wire.Part | None, regions: set[str]) -> None:
         due = None if part is None else self._due(part)
         if part is None or due is None:
             return  # named elsewhere: there is no such module, or no such place
@@ -98,16 +87,16 @@ class Batches:
         if due - regions:
             self._fail("bundle", f"{named(part)} does not go to region {min(due - regions)}")
 
-    def _due(self, part: Part) -> frozenset[str] | None:
+    def _due(self, part: wire.Part) -> frozenset[str] | None:
         """Return the regions that a part is for; None if one of its sites is malformed."""
         try:
-            if isinstance(part, Verdict):
+            if isinstance(part, wire.Verdict):
                 if all(self._is_place(place) for place in part.to):
                     return frozenset(self._system.region(place) for place in part.to)
                 return None
             place = self._system.place_of(part.site)
             if self._is_place(place):
-                return self._regions(place, kind_of(part) == "presence")
+                return self._regions(place, wire.kind_of(part) == "presence")
         except (TypeError, IndexError, ValueError, InputError):
             pass  # it is no site of this system
         return None
@@ -213,7 +202,7 @@ class Rederivation:
         self._execute(where, moves)
         self._check_sites(said.reports, before)
         executed = [
-            Executed(module, report.move.generator, report.move.at)
+            wire.Executed(module, report.move.generator, report.move.at)
             for module, report in said.reports.items()
             if report.move is not None
         ]
@@ -248,7 +237,7 @@ class Rederivation:
                 return move
         return None
 
-    def _moves(self, where: str, reports: Mapping[int, Report]) -> Moves:
+    def _moves(self, where: str, reports: Mapping[int, wire.Report]) -> Moves:
         moves: Moves = {}
         for module, report in reports.items():
             placed = report.move
@@ -287,7 +276,7 @@ class Rederivation:
         if set(self.sites) | self._system.filled != self.state:
             self._fail("sites", f"{where}: where modules are is not what is on")
 
-    def _check_sites(self, reports: Mapping[int, Report], before: list[Site]) -> None:
+    def _check_sites(self, reports: Mapping[int, wire.Report], before: list[Site]) -> None:
         for module, report in reports.items():
             for what, told, true in (
                 ("stood", report.before, before[module]),
@@ -300,7 +289,7 @@ class Rederivation:
 
     def _check_said(self, where: str, said: RecordedRound) -> None:
         for message in said.said.values():
-            if isinstance(message, Note):
+            if isinstance(message, wire.Note):
                 self._check_note(message)
             if message.site != self.sites[message.module]:
                 self._fail(
@@ -312,7 +301,7 @@ class Rederivation:
             if ("presence", module) not in said.said and self._system.listeners(self._place(site)):
                 self._fail("bundle", f"{where}, module_{module}: no presence")
 
-    def _check_note(self, message: Note) -> None:
+    def _check_note(self, message: wire.Note) -> None:
         """Check the form of a note; `choices` has its content, where the rule is known."""
         length = self._note_length = self._note_length or len(message.note)
         if not is_note(message.note, length) or not length:
@@ -327,7 +316,7 @@ class Rederivation:
     def _check_claims(self, number: int, said: RecordedRound) -> None:
         claims: Moves = {}
         for message in said.said.values():
-            if not isinstance(message, Claim):
+            if not isinstance(message, wire.Claim):
                 continue
             move = self._move(message.module, message.generator, message.at)
             if move is None:
@@ -367,7 +356,7 @@ class Rederivation:
     def _rank(self, number: int, module: int) -> tuple[int, int]:
         return rank(self._seed or 0, number, module)
 
-    def _check_outcome(self, report: Report, claim: Move | None, granted: bool | None) -> None:  # noqa: FBT001
+    def _check_outcome(self, report: wire.Report, claim: Move | None, granted: bool | None) -> None:  # noqa: FBT001
         expected = {None: "none", True: "granted", False: "lost"}[granted]
         if report.claim != expected:
             self._fail(
@@ -385,7 +374,7 @@ class Rederivation:
         granted: bool | None,  # noqa: FBT001
         waiting: set[Site],
     ) -> None:
-        if not isinstance(verdict, Verdict):
+        if not isinstance(verdict, wire.Verdict):
             if waiting:
                 self._fail("claims", f"{where}: there is none, and others wait for it")
             return
@@ -416,7 +405,7 @@ class Rederivation:
             self._compare(report, due, said)
 
     def _compare(
-        self, report: Report, due: Mapping[tuple[str, int], ModuleMessage], said: RecordedRound
+        self, report: wire.Report, due: Mapping[tuple[str, int], ModuleMessage], said: RecordedRound
     ) -> None:
         heard: set[tuple[str, int]] = set()
         for kind, speaker in report.deliveries():
@@ -450,7 +439,7 @@ def _splitmix(key: int, index: int) -> int:
 
 
 def _addressed(message: ModuleMessage, place: Site) -> bool:
-    return not isinstance(message, Verdict) or place in message.to
+    return not isinstance(message, wire.Verdict) or place in message.to
 
 
 def is_note(numbers: Sequence[int], note_length: int) -> bool:

@@ -3,8 +3,6 @@
 Part of `cubepath verify`: it shares only the decoding of messages with a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf

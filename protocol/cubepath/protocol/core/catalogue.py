@@ -7,8 +7,6 @@ Outside a process, a move is named by its generator and where that is placed, a
 `GeneratorPlacement`: in messages, files and schedules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from operator import add

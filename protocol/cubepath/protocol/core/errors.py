@@ -1,7 +1,5 @@
 """Errors: one small family; each message says what was found, where, and what was expected."""
 
-from __future__ import annotations
-
 _MESSAGE_MAX = 2000
 _BEGIN, _END = 1400, 500
 """Characters of a longer message that are kept: its end says what was expected."""

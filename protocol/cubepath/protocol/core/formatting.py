@@ -4,8 +4,6 @@ Names, ids and file names may hold any character, escape sequences and line brea
 that is safe for a terminal, control characters are shown, not obeyed.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches

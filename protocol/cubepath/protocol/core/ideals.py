@@ -4,8 +4,6 @@ A step takes a place from one letter to the next. Such a system's complex is CAT
 and Sullivant, *Geodesics in CAT(0) cubical complexes*, 2012).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import TypeAlias
 

@@ -6,8 +6,6 @@ cannot be rewound, such as a pipe, is read into memory. Readers open only the fi
 and those that these name in their own folder; see `file_within`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -4,8 +4,6 @@ A field of type ``Annotated[float, Meta(ge=0, lt=1, description="...")]`` is che
 becomes an option of the command line where a command asks for it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields

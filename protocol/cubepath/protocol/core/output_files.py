@@ -8,8 +8,6 @@ rule for /tmp (``protected_symlinks`` in proc(5)). Anything but a regular file, 
 output, a pipe or a device, is written in place.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -10,8 +10,6 @@ The standard library's TOML parser takes quadratic time for a key of many dotted
 are refused before it sees them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

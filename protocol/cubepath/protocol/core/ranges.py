@@ -1,7 +1,5 @@
 """Ranges and lists in texts: `hex:n=4..12..4,bend=60,120` stands for six systems."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from itertools import product

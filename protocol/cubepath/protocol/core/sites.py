@@ -6,8 +6,6 @@ axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
 `Ordinals` numbers things in order of first use: so sites become integers and bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable
 from itertools import chain
 from typing import Any, TypeVar, cast

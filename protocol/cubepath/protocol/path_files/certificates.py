@@ -4,8 +4,6 @@ This is the format, in files and in recordings; see docs/schedules.md. Certifica
 checked in the coordinator, by modules that share only this one.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

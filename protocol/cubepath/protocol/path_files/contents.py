@@ -7,8 +7,6 @@ the same action however they are written. Anything unusual is left to the reader
 `cubepath.protocol.path_files.moves.read_moves`, which says what is wrong with it, or accepts it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from io import SEEK_END
 from typing import Any, BinaryIO, NamedTuple, TypeVar

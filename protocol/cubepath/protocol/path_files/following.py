@@ -8,8 +8,6 @@ neither. See docs/schedules.md.
 This module reads and writes only the files it is given, and knows nothing of scheduling.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction

@@ -6,8 +6,6 @@ self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file h
 line, ``{"moves": [...]}``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

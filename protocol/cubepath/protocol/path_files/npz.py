@@ -5,8 +5,6 @@ numbers into one list of sites; docs/files.md describes each array. Nothing in s
 it is read without pickles, and its contents are checked before use.
 """
 
-from __future__ import annotations
-
 import struct
 import zipfile
 import zlib

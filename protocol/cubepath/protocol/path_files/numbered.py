@@ -5,8 +5,6 @@ costs one lookup in a dict. Self-contained lines are read straight into arrays, 
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ This is the format, described in docs/proofs.md, of blocks as `proof_blocks` wri
 that makes proofs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -3,8 +3,6 @@
 The lines of self-contained moves are put together from the texts of their sites, without an action.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path

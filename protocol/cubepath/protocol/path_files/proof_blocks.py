@@ -5,8 +5,6 @@ a line end; the last line has the number of blocks and the SHA-256 of everything
 changed byte is refused with the name and position of its block. See docs/proofs.md.
 """
 
-from __future__ import annotations
-
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence

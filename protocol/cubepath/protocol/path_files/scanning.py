@@ -9,8 +9,6 @@ structure around it is checked. Hashes only find texts, and are always followed 
 Each function stops at a newline, which every line has at its end and no valid JSON text contains.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

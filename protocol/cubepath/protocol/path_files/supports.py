@@ -5,8 +5,6 @@ makes them of lists of numbers, without the actions, and `TabledActions` makes a
 only where somebody asks for it. The definition of an action is checked in both ways.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -14,8 +14,6 @@ unbounded: the workspace here is the bounding box of all named and visited cells
 each side.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -24,15 +22,7 @@ from pathlib import Path
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.imported import (
-    Cell,
-    ImportedPath,
-    PlanRequest,
-    decode_file,
-    no_system,
-    only,
-    text,
-)
+from cubepath.protocol.plans import imported
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.graphs import Graph, graph_round
 
@@ -41,9 +31,9 @@ _DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
 
 
 class _Instance(msgspec.Struct):
-    starts: list[Cell]
-    targets: list[Cell]
-    obstacles: list[Cell]
+    starts: list[imported.Cell]
+    targets: list[imported.Cell]
+    obstacles: list[imported.Cell]
     name: str | None = None
 
 
@@ -52,11 +42,11 @@ class _Solution(msgspec.Struct):
     steps: list[dict[str, str]]
 
 
-def read_cgshop2021(request: PlanRequest) -> ImportedPath:
+def read_cgshop2021(request: imported.PlanRequest) -> imported.ImportedPath:
     """Read a solution, with its instance in a second file; errors as `ImportedPath` says."""
     path = request.path
-    no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
-    companion = only(request, "instance")
+    imported.no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
+    companion = imported.only(request, "instance")
     instance, solution = _pair(request, companion)
     obstacles = frozenset(instance.obstacles)
     try:
@@ -89,11 +79,11 @@ def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
     return graph_round(str(companion), named, frozenset(instance.obstacles))
 
 
-def _pair(request: PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
+def _pair(request: imported.PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
     """Return instance and solution; InputError if they do not belong together."""
     path = request.path
-    instance = decode_file(companion, _Instance)
-    solution = decode_file(request.file, _Solution)
+    instance = imported.decode_file(companion, _Instance)
+    solution = imported.decode_file(request.file, _Solution)
     if instance.name not in (None, solution.instance):
         raise InputError(
             f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"
@@ -105,14 +95,14 @@ def _pair(request: PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
     return instance, solution
 
 
-def _targets(step: Mapping[str, str], at: Sequence[Cell]) -> dict[int, Cell]:
+def _targets(step: Mapping[str, str], at: Sequence[imported.Cell]) -> dict[int, imported.Cell]:
     """Return where the robots of a step go, by number; `at` is where each robot is."""
-    found: dict[int, Cell] = {}
+    found: dict[int, imported.Cell] = {}
     for name, letter in step.items():
         if not (_NUMBER.fullmatch(name) and int(name) < len(at)):
-            raise InputError(f"robot {text(name)}: expected a number, 0 to {len(at) - 1}")
+            raise InputError(f"robot {imported.text(name)}: expected a number, 0 to {len(at) - 1}")
         if letter not in _DIRECTIONS:
-            raise InputError(f"robot {name} goes {text(letter)}, expected N, E, S or W")
+            raise InputError(f"robot {name} goes {imported.text(letter)}, expected N, E, S or W")
         who = int(name)
         if who in found:
             raise InputError(f"robot {who} is named twice, expected once")

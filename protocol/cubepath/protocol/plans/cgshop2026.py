@@ -19,8 +19,6 @@ The actions are those of `cubepath.protocol.systems.flips`. They are built from 
 triangles, so the number of points is not limited as it is there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,15 +30,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, decode_file, no_system, only
+from cubepath.protocol.systems import point_sets
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
-from cubepath.protocol.systems.point_sets import (
-    Edge,
-    Point,
-    Triangles,
-    distinct_edges,
-    edge_of,
-    quadrilateral,
-)
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 
@@ -49,13 +40,13 @@ class _Instance(msgspec.Struct):
     instance_uid: str
     points_x: list[int]
     points_y: list[int]
-    triangulations: list[list[Edge]]
+    triangulations: list[list[point_sets.Edge]]
     content_type: str = _INSTANCE
 
 
 class _Solution(msgspec.Struct):
     instance_uid: str
-    flips: list[list[list[Edge]]]
+    flips: list[list[list[point_sets.Edge]]]
     content_type: str = _SOLUTION
     meta: dict[str, Any] = {}
 
@@ -72,8 +63,8 @@ def read_cgshop2026(request: PlanRequest) -> ImportedPath:
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
     where = f"{companion}: triangulations[{chosen}]"
     try:
-        edges = distinct_edges(instance.triangulations[chosen], len(points))
-        triangles = Triangles(points, edges)
+        edges = point_sets.distinct_edges(instance.triangulations[chosen], len(points))
+        triangles = point_sets.Triangles(points, edges)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     start = triangles.edges()
@@ -112,15 +103,17 @@ def read_cgshop2026(request: PlanRequest) -> ImportedPath:
 
 
 def _apart(
-    points: Sequence[Point],
+    points: Sequence[point_sets.Point],
     instance: _Instance,
     solution: _Solution,
     number: int,
-    end: frozenset[Edge],
+    end: frozenset[point_sets.Edge],
 ) -> str | None:
     """Return why a triangulation's own flips do not take it to this end; None if they do."""
     try:
-        triangles = Triangles(points, distinct_edges(instance.triangulations[number], len(points)))
+        triangles = point_sets.Triangles(
+            points, point_sets.distinct_edges(instance.triangulations[number], len(points))
+        )
         for flips in solution.flips[number]:
             _round(triangles, flips)
     except InputError as error:
@@ -155,7 +148,7 @@ def _check_pair(
         )
 
 
-def _points(path: Path, instance: _Instance) -> list[Point]:
+def _points(path: Path, instance: _Instance) -> list[point_sets.Point]:
     if len(instance.points_x) != len(instance.points_y):
         raise InputError(
             f"{path}: points_x has {len(instance.points_x)} numbers,"
@@ -180,13 +173,13 @@ def _chosen(path: Path, value: str, count: int) -> int:
     return int(value)
 
 
-def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:
+def _round(triangles: point_sets.Triangles, flips: Sequence[point_sets.Edge]) -> list[PathMove]:
     """Flip the edges of a round, or none; InputError names the first that cannot flip."""
     found: list[PathMove] = []
     quadrilaterals: list[tuple[int, int, int, int]] = []
-    taken: dict[tuple[int, ...], Edge] = {}
+    taken: dict[tuple[int, ...], point_sets.Edge] = {}
     for given in flips:
-        edge = edge_of(*given)
+        edge = point_sets.edge_of(*given)
         try:
             corners = triangles.corners(edge)
         except InputError as error:
@@ -210,7 +203,7 @@ def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:
     return found
 
 
-def _move(edge: Edge, corners: tuple[int, int, int, int]) -> PathMove:
-    move = flip_of(quadrilateral(*corners))
+def _move(edge: point_sets.Edge, corners: tuple[int, int, int, int]) -> PathMove:
+    move = flip_of(point_sets.quadrilateral(*corners))
     sides = move.action.support - move.action.trace
     return PathMove(move.action, GeneratorPlacement("flip", move.at), sides | {edge})

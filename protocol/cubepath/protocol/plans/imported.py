@@ -7,8 +7,6 @@ rounds, and vehicles that rotate on a cycle of vertices have no such order at al
 kept. Every move is checked; the coordinator decides what a following vehicle may do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -14,8 +14,6 @@ occupied. `about` names a site that is on before and after and that the move onl
 one a module pivots about. If several moves fit, the line is refused and the error names them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

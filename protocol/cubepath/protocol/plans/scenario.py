@@ -6,8 +6,6 @@ file has the planner's rounds, a vehicle moves after the one whose cell it enter
 the file lists them, and `ImportedPath.vehicles` reads what rotates in them too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import islice

@@ -10,8 +10,6 @@ moved at either end between them, so both are moves of the same vehicle, and eac
 its plan ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path

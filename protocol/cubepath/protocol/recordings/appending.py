@@ -10,8 +10,6 @@ ones, and was not taken: its head would have to be written again each time, so a
 writes could cost messages that were safe, and other tools lose a chunk that has no end.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping

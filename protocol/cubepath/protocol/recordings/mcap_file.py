@@ -11,8 +11,6 @@ The summary of a finished file is trusted if its CRC holds. Then it says where e
 attachment and metadata record begins, and how long it is, whatever happened to their heads.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

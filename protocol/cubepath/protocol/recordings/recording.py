@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings import stored_messages
 from cubepath.protocol.recordings.description import (
     BATCHES,
     FORMAT,
@@ -38,14 +39,6 @@ from cubepath.protocol.recordings.description import (
 )
 from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.salvaging import Salvage, outline, salvage
-from cubepath.protocol.recordings.stored_messages import (
-    LoggedMessage,
-    Record,
-    RecordChunk,
-    StoredRecords,
-    chunk_of,
-    messages_of,
-)
 from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
 
 if TYPE_CHECKING:
@@ -66,7 +59,7 @@ class Recording:
     path: Path
     parameters: Mapping[str, str]
     scene: Scene
-    records: Sequence[Record]
+    records: Sequence[stored_messages.Record]
     problems: tuple[str, ...]
     schedule: bytes | None = None
     """The text of the schedule that was executed, if any."""
@@ -79,7 +72,7 @@ class Recording:
         """Return the clock of the run: "lockstep" has rounds, "free" has none."""
         return clock_of(self.format)
 
-    def of_kind(self, *kinds: str) -> Iterator[Record]:
+    def of_kind(self, *kinds: str) -> Iterator[stored_messages.Record]:
         """Yield the messages of these kinds in order, also those that are parts of batches."""
         batches = {batch for batch, held in BATCHES.items() if not held.isdisjoint(kinds)}
         for record in self.written({*kinds, *batches}):
@@ -93,13 +86,13 @@ class Recording:
 
     def written(
         self, kinds: AbstractSet[str] | None = None, rounds: range | None = None
-    ) -> Iterator[Record]:
+    ) -> Iterator[stored_messages.Record]:
         """Yield the messages of these kinds and log times in order, batches as they stand.
 
         Chunks of the file that hold none are not read.
         """
-        records: Iterable[Record] = self.records
-        if isinstance(records, StoredRecords):
+        records: Iterable[stored_messages.Record] = self.records
+        if isinstance(records, stored_messages.StoredRecords):
             records = records.near(kinds, rounds)
         for record in records:
             if (kinds is None or record.kind in kinds) and (
@@ -109,7 +102,7 @@ class Recording:
 
     def messages(
         self, kinds: str | Iterable[str] | None = None, rounds: int | range | None = None
-    ) -> Iterator[LoggedMessage]:
+    ) -> Iterator[stored_messages.LoggedMessage]:
         """Yield messages, decoded, in the order of writing, with the times of the log.
 
         The file is read a chunk at a time while the iterator is consumed, so a recording of any
@@ -127,7 +120,7 @@ class Recording:
 
         InputError if there is no such kind, and where a message cannot be decoded.
         """
-        return messages_of(self, kinds, rounds)
+        return stored_messages.messages_of(self, kinds, rounds)
 
     def moves(self) -> Columns:
         """Return the moves of the run: arrays of one length by name, in canonical order.
@@ -180,26 +173,26 @@ class Recording:
         """
         return frame_of(self, table)
 
-    def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
+    def blocks(self) -> Iterator[tuple[Iterable[stored_messages.Record], float]]:
         """Yield the messages some at a time, each time with the least round of those to come.
 
         That is the round under which they were written; infinity if nothing is to come. So what was
         collected of the rounds before it is complete.
         """
-        if isinstance(self.records, StoredRecords):
+        if isinstance(self.records, stored_messages.StoredRecords):
             return self.records.blocks()
         return iter([(self.records, inf)])
 
-    def chunks(self) -> Sequence[RecordChunk]:
+    def chunks(self) -> Sequence[stored_messages.RecordChunk]:
         """Return the chunks of the file in order; the messages of one are read when asked for.
 
         So a message in the middle of a long recording costs the reading of one chunk.
         """
         records = self.records
-        if isinstance(records, StoredRecords):
+        if isinstance(records, stored_messages.StoredRecords):
             return records.chunks()
         some = range(0, len(records), _UNSTORED)
-        return [chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
+        return [stored_messages.chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
 
     def topics(self) -> frozenset[str]:
         """Return the recorded topics, at no cost if the file says of all channels what they are.
@@ -208,7 +201,7 @@ class Recording:
         ['bundle/process_0', 'bundle/process_1']
         """
         records = self.records
-        if isinstance(records, StoredRecords):
+        if isinstance(records, stored_messages.StoredRecords):
             return records.topics
         return frozenset(record.topic for record in records)
 
@@ -218,12 +211,12 @@ class Recording:
         None for a recording that was not read from a file. The whole file is read.
         """
         records = self.records
-        return records.sha256() if isinstance(records, StoredRecords) else None
+        return records.sha256() if isinstance(records, stored_messages.StoredRecords) else None
 
     def counts(self) -> Counts:
         """Return how much is in the recording; it is read only if the file does not say so."""
         records = self.records
-        if isinstance(records, StoredRecords) and records.counts is not None:
+        if isinstance(records, stored_messages.StoredRecords) and records.counts is not None:
             return records.counts
         found = Counts()
         for record in records:
@@ -266,7 +259,7 @@ class FileContents:
     path: Path
     size: int
     salvage: Salvage
-    records: StoredRecords
+    records: stored_messages.StoredRecords
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -296,7 +289,7 @@ def read(source: Source) -> FileContents:
     whole = outline(stored)
     counts = None if whole is None else counts_of(whole)
     found = salvage(stored) if whole is None or counts is None else whole
-    records = StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
+    records = stored_messages.StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
     return FileContents(stored.path, stored.size, found, records)
 
 
@@ -317,7 +310,7 @@ def read_undamaged(source: Recording | Source) -> Recording:
     return recording
 
 
-def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
+def rounds_in_turn(recording: Recording) -> Iterator[Sequence[stored_messages.Record]]:
     """Yield the messages of some rounds at a time, in the order of rounds, each round whole.
 
     They come while the file is read, so that memory does not grow with it. Of a run without rounds
@@ -326,7 +319,7 @@ def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
     if recording.clock == "free":
         yield recording.records
         return
-    pending: list[Record] = []
+    pending: list[stored_messages.Record] = []
     for records, least in recording.blocks():
         pending += records
         ready = [record for record in pending if record.round < least]

@@ -13,15 +13,7 @@ from pathlib import Path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.description import (
-    BATCHES,
-    FORMAT,
-    FREE_FORMAT,
-    METADATA,
-    parameters_in,
-    scene_in,
-    without_format,
-)
+from cubepath.protocol.recordings import description
 from cubepath.protocol.recordings.mcap_file import checksum
 from cubepath.protocol.recordings.recording import FileContents, Recording, read
 from cubepath.protocol.recordings.stored_messages import Record
@@ -82,7 +74,7 @@ def remains_of(source: Source) -> Remains:
         raise InputError(f"{found.path}: nothing to recover: no chunk with messages is whole{why}")
     scene = None
     try:
-        scene = scene_in(found.path, found.salvage)
+        scene = description.scene_in(found.path, found.salvage)
     except InputError:
         problems.append("its scene is lost")
     return Remains(
@@ -100,14 +92,14 @@ def remains_of(source: Source) -> Remains:
 def _described(found: FileContents, problems: list[str]) -> tuple[str, dict[str, str]]:
     """Return the format and the parameters, as far as both are left."""
     try:
-        return parameters_in(found.path, found.salvage, problems)
+        return description.parameters_in(found.path, found.salvage, problems)
     except InputError:
         written_as = _format_of(found) if found.problems and len(found.records) else None
         if written_as is None:
             raise
     for each in found.salvage.metadata:
-        values = without_format(each.metadata)
-        if each.name == METADATA and each.metadata.get("checksum") == checksum(values):
+        values = description.without_format(each.metadata)
+        if each.name == description.METADATA and each.metadata.get("checksum") == checksum(values):
             problems.append(f"its format is lost, and by its messages it is {written_as}")
             return written_as, values
     problems.append("its parameters are lost")
@@ -117,7 +109,7 @@ def _described(found: FileContents, problems: list[str]) -> tuple[str, dict[str,
 def _format_of(found: FileContents) -> str | None:
     """Return the format that the messages are in; None if they are not those of a run."""
     kinds = {record.kind for record in found.records}
-    of_rounds = {*KINDS}.difference(*BATCHES.values())
+    of_rounds = {*KINDS}.difference(*description.BATCHES.values())
     if kinds <= of_rounds:
-        return FORMAT
-    return FREE_FORMAT if kinds <= of_rounds | FREE_KINDS.keys() else None
+        return description.FORMAT
+    return description.FREE_FORMAT if kinds <= of_rounds | FREE_KINDS.keys() else None

@@ -12,8 +12,6 @@ asked for, a chunk at a time, so that memory does not grow with the file. If the
 file hold, `outline` finds the same from its end, without going through the records.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -26,17 +26,8 @@ from cubepath.protocol.core.output_files import (
     written_whole,
 )
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings import description
 from cubepath.protocol.recordings.appending import McapAppender
-from cubepath.protocol.recordings.description import (
-    COUNTS,
-    METADATA,
-    SCENE,
-    SCHEDULE,
-    Counts,
-    format_of,
-    has_wall_times,
-    metadata_of,
-)
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import schema_of
 
@@ -92,23 +83,23 @@ class RecordingWriter:
         format that its messages are in, given and not inspected; if it is left out, it follows from
         the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
-        self._format = written_as or format_of(parameters)
+        self._format = written_as or description.format_of(parameters)
         self.path = path = Path(path)
         self.messages = 0
-        self._counts = Counts()
+        self._counts = description.Counts()
         self._clock = clock
         self._due: float | None = None
         """When what waits to be written must be; None if nothing waits."""
         self._owns = stream is None
         # Before the file is created: not every scene can be written.
         self._scene = None if scene is None else scene_to_toml(scene).encode()
-        self._parameters = metadata_of(parameters, self._format)
+        self._parameters = description.metadata_of(parameters, self._format)
         self._stream = _new_file(path) if stream is None else stream
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
         self._size = 0
-        self._by_wall = has_wall_times(self._format, parameters)
+        self._by_wall = description.has_wall_times(self._format, parameters)
         try:
             self._guard(lambda: self._begin(schedule))
         except RecordingFull:
@@ -119,14 +110,14 @@ class RecordingWriter:
         self._writer = McapAppender(self._stream, "cubepath")
         self._describe()
         if schedule is not None:
-            self._writer.add_attachment(SCHEDULE, "application/jsonl", schedule)
+            self._writer.add_attachment(description.SCHEDULE, "application/jsonl", schedule)
         self._flush()
 
     def _describe(self) -> None:
         """Write what the recording is of."""
-        self._writer.add_metadata(METADATA, self._parameters)
+        self._writer.add_metadata(description.METADATA, self._parameters)
         if self._scene is not None:
-            self._writer.add_attachment(SCENE, "application/toml", self._scene)
+            self._writer.add_attachment(description.SCENE, "application/toml", self._scene)
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._broken:
@@ -261,7 +252,7 @@ class RecordingWriter:
         self._writer.close_chunk()
         self._describe()  # once more, far from the first: damage to one of them costs nothing
         self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
-        self._writer.add_metadata(COUNTS, self._counts.to_metadata())
+        self._writer.add_metadata(description.COUNTS, self._counts.to_metadata())
         self._writer.finish()
         self._stream.flush()  # what closing the file could not write would not be told
         self._check_place()

@@ -12,8 +12,6 @@ in another place (a *fixed* polyhex or polyomino).
 Each model is uniform or has exactly the probabilities that it names.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from fractions import Fraction

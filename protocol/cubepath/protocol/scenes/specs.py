@@ -1,7 +1,5 @@
 """Scenes by name: `name:key=value,...`, or the path of a TOML file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

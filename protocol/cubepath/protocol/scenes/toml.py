@@ -4,8 +4,6 @@ Sites are written as in JSON. The format is `cubepath-system-1`; see docs/files.
 system's table is defined by its class.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

@@ -6,8 +6,6 @@ only one that is read: a map is a block of rows under its name, a scenario begin
 and has `targets_xy` and `map_name`. There a cell is (row, column).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ path heuristic of da Fonseca, Feschet and Gerard, *Shadoks approach to parallel 
 triangulations* (CG:SHOP 2026); squeaky wheels, Joslin and Clements (1999).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

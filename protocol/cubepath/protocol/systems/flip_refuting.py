@@ -17,8 +17,6 @@ is no path of this many rounds; nor of fewer, since rounds may be empty. This is
 as in a solver for satisfiability, on the formula that says that there is a path.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 

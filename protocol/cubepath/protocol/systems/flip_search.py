@@ -11,8 +11,6 @@ A part that takes all rounds of the window is solved again, greedily from either
 less. If that succeeds for all such parts of the last rounds, the path is one round shorter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from random import Random
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Triangulations of a planar point set under flips of diagonals, as a system."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial

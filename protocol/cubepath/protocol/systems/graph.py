@@ -1,7 +1,5 @@
 """Systems on a graph: vehicles that move along edges, labelled or not."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain

@@ -5,8 +5,6 @@ is read by key because some maps lack the type line; scenarios are the JSON file
 own sample data (obstacles, starts, goals, moves).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Set as AbstractSet
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Systems on a lattice: a catalogue placed by translation into a workspace with obstacles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set as AbstractSet
 from functools import lru_cache, partial
 from itertools import product

@@ -4,8 +4,6 @@ For systems that are neither a lattice with translations nor a graph: flips of t
 words, assemblies, arms with marked points. All neighbourhoods follow from the list.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache, partial
 from itertools import chain

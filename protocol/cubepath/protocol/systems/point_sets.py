@@ -6,8 +6,6 @@ not listed in advance. Runs and environments do need the full list, to number ev
 ever happen; shortening and search do not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cmp_to_key

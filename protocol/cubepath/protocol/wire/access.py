@@ -7,8 +7,6 @@ recorders for a snapshot. The sender of a denied message is not notified. The na
 `credentials`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal

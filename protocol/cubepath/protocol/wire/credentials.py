@@ -7,8 +7,6 @@ The names are `COORDINATOR`, ``process_N`` and `GUEST`. A router over plain TCP 
 nobody.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -14,8 +14,6 @@ message is not numbered. `halted` and `commits` carry the last number instead. C
 by `serial`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, TypeAlias
 
 import msgspec

@@ -16,8 +16,6 @@ coordinator publishes messages for a single process. A coordinator listens to al
     cubepath/RUN/** everything of a run
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache

@@ -11,8 +11,6 @@ Bytes with a field of a wrong type, a number or a text beyond its bounds, or wit
 field are no message. An unknown field belongs to a later version and is ignored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal, TypeAlias
 

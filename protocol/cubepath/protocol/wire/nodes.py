@@ -5,8 +5,6 @@ to, a timer to set. It opens no session, starts no thread and reads no clock, so
 in a process on zenoh and under a simulator. A shell carries the effects out in their order.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar

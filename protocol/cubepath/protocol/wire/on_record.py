@@ -1,7 +1,5 @@
 """Messages as they are recorded, under either clock: their schemas, topics and parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 

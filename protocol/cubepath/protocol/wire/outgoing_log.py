@@ -4,8 +4,6 @@ Messages are lost when a router dies. The recorder notices the gap in the number
 Receivers accept late and duplicate messages, so the sender publishes the same bytes again.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

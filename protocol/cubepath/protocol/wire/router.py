@@ -10,8 +10,6 @@ knows every client by a password that is created for this run, and lets each pub
 keys.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets

@@ -7,8 +7,6 @@ immediately all the same. A router does not wait that long: it cuts off a client
 and the client reconnects and asks for what it missed. Measured with eclipse-zenoh 1.10.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

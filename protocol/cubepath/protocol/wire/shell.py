@@ -7,8 +7,6 @@ Every child process of a run ends with its parent: its configuration comes in on
 standard input, never on a command line, and when that input closes, the parent is gone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

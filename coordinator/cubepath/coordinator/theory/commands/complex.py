@@ -7,15 +7,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    SYSTEM_HELP,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
@@ -32,7 +24,7 @@ def add_complex(complex_: argparse.ArgumentParser) -> None:
     """Add the options of ``complex``."""
     complex_.set_defaults(command=_complex, smaller="a smaller system or --max-states N")
     complex_.add_argument(
-        "system", metavar="SYSTEM", help=SYSTEM_HELP.replace(" (default hex)", "")
+        "system", metavar="SYSTEM", help=console.SYSTEM_HELP.replace(" (default hex)", "")
     )
     complex_.add_argument(
         "--homology", action="store_true", help="Betti numbers, torsion, contractibility, surface"
@@ -66,7 +58,7 @@ def _complex(options: argparse.Namespace) -> int:
     if options.dark and (output is None or output.suffix.lower() == ".json"):
         raise InputError("--dark: is for a picture, expected -o FILE.png, .svg or .pdf")
     limit: int = options.max_states or MAX_STATES
-    with progress_bar(None, "complex", " done") as bar:
+    with console.progress_bar(None, "complex", " done") as bar:
         scene = scene_from_spec(options.system)
         if not (options.shape or options.max_states):
             _check_end(scene)
@@ -92,24 +84,24 @@ def _complex(options: argparse.Namespace) -> int:
         )
     try:
         if output is not None and found.complete and found.built is not None:
-            with progress_bar(None, "write", ""):
+            with console.progress_bar(None, "write", ""):
                 if output.suffix.lower() == ".json":
                     write_complex(found.built, output)
                 else:
                     title = f"{found.system}: {found.kind}"
                     draw_complex(found.built.complex, output, title, dark=options.dark)
     finally:
-        answer(options, found.document(), table(_rows(found)))
+        console.answer(options, found.document(), console.table(_rows(found)))
     if not found.complete:
-        complain(
+        console.complain(
             f"{found.system}: stopped at {counted(found.states, 'state')}"
             f" ({found.memory >> 20} MiB), not all of which were expanded: {_advice(scene)}"
             + (f"; {output} was not written" if output else "")
         )
-        return FAILED
+        return console.FAILED
     if output is not None:
-        complain(f"written to {output}")
-    return DONE
+        console.complain(f"written to {output}")
+    return console.DONE
 
 
 def _check_end(scene: Scene) -> None:
@@ -192,7 +184,7 @@ def _paper(options: argparse.Namespace) -> int:
 
     claims = all_claims()
     rows: list[ClaimResult] = []
-    with progress_bar(len(claims), "paper", " claims") as bar:
+    with console.progress_bar(len(claims), "paper", " claims") as bar:
 
         def note(row: ClaimResult) -> None:
             rows.append(row)
@@ -207,8 +199,8 @@ def _paper(options: argparse.Namespace) -> int:
     _say_rows(options, rows)
     wrong = [row for row in rows if not row.as_expected]
     for row in wrong:
-        complain(f"{row.item}: not what is known to come out: {row.computed}")
-    return FAILED if wrong else DONE
+        console.complain(f"{row.item}: not what is known to come out: {row.computed}")
+    return console.FAILED if wrong else console.DONE
 
 
 def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
@@ -222,7 +214,7 @@ def _say_rows(options: argparse.Namespace, rows: list[ClaimResult]) -> None:
         ]
     found = [sum(row.agrees is outcome for row in rows) for outcome in (True, False, None)]
     lines.append(f"{len(rows)} claims: {found[0]} agree, {found[1]} differ, {found[2]} open")
-    answer(options, [row.document() for row in rows], "\n".join(lines))
+    console.answer(options, [row.document() for row in rows], "\n".join(lines))
 
 
 def _wrapped(name: str, text: str) -> list[str]:

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.commands import shorten
 from cubepath.coordinator.commands.console import progress_bar
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
@@ -19,14 +20,6 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.path_options import add_durations, add_plan_options
-from cubepath.coordinator.commands.shorten import (
-    MoreResults,
-    add_path_options,
-    answer_shortened,
-    explained,
-    shortened_input,
-    write_schedule,
-)
 from cubepath.coordinator.commands.usage import more_options, number, whole
 from cubepath.coordinator.theory.commands.following import improve_following
 from cubepath.protocol.core.errors import InputError
@@ -45,7 +38,7 @@ _duration = number("a number of seconds, 0 or more", lambda seconds: seconds >= 
 def add_improve(improve: argparse.ArgumentParser) -> None:
     """Add the options of ``improve``."""
     improve.set_defaults(command=_improve)
-    add_path_options(improve)
+    shorten.add_path_options(improve)
     improve.add_argument(
         "--seconds",
         type=_duration,
@@ -137,7 +130,7 @@ def _improve(options: argparse.Namespace) -> int:
         Output(out, PATH_SUFFIXES, stream=True),
         Output(options.proof, (".proof",)),
     )
-    found = shortened_input(options)
+    found = shorten.shortened_input(options)
     began = time.perf_counter()
     known = _searched(options, found)
     document = known.document()
@@ -147,14 +140,14 @@ def _improve(options: argparse.Namespace) -> int:
         from cubepath.coordinator.shortening.explain import certified_path  # noqa: PLC0415
 
         with progress_bar(None, "certificate", ""):
-            told = explained(found, certified_path(found))
+            told = shorten.explained(found, certified_path(found))
         document |= told.document
         lines = told.lines
     if out is not None:
         with progress_bar(None, "write", ""):
-            write_schedule(out, found, lambda: known.named)
+            shorten.write_schedule(out, found, lambda: known.named)
     rows = tuple(_rows(known, options.proof))
-    return answer_shortened(options, found, MoreResults(document, rows, lines))
+    return shorten.answer_shortened(options, found, shorten.MoreResults(document, rows, lines))
 
 
 def _searched(options: argparse.Namespace, found: Shortened) -> OptimalityReport:

@@ -10,8 +10,6 @@ triangulations* (2014) for trying several orders.
 A contractible complex need not collapse (Bing's house with two rooms), so a failure proves nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ Loops over cells of all dimensions use one row of all cubes, by ascending dimens
 cofaces in compressed sparse rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -4,8 +4,6 @@ The result is the transition graph of the paper (lemma on the skeleta of the sta
 the action of each edge; a bound on the number of states limits time and memory.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar

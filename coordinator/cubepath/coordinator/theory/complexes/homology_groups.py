@@ -24,8 +24,6 @@ A cube that is glued to itself may have a face with incidence 0, 2 or -2: a face
 of its incidences, and only a face with incidence 1 or -1 is ever matched.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush

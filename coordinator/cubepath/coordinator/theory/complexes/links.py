@@ -6,8 +6,6 @@ by edges bound a unique k-simplex. The link of one state follows from the defini
 exploration: the complex of a non-local system may be far too large.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The report of `cubepath complex` on a system: counts, curvature, homology, time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter

@@ -6,8 +6,6 @@ in its normal place, and these actions. A macro is a shortest path between two s
 and lifted to wherever no obstacle and no wall is in the way.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ are the same and their states agree off the traces. So every cube has exactly on
 which all of its actions are at end 0, and these actions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

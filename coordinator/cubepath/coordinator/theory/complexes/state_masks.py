@@ -14,8 +14,6 @@ kept, those in which it needs other modules first, since few sites are on, and m
 there. So a state costs about one comparison for each proposal, however many words it has.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
 

@@ -6,8 +6,6 @@ by Euler characteristic and orientability (Brahana, Dehn and Heegaard; Massey, *
 algebraic topology*, chapter I), by a union-find with path compression (Tarjan 1975) and parity.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from itertools import pairwise

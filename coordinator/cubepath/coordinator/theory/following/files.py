@@ -4,8 +4,6 @@ A timetable is checked before it is printed, by code that shares nothing with th
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO

@@ -23,8 +23,6 @@ which the other leaves; otherwise it begins when the other has left. Where all m
 that move at a constant pace the rule of CG:SHOP is what their bodies allow.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

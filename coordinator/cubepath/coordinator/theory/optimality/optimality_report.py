@@ -7,8 +7,6 @@ path found in any class. *Proof*: from there to the greatest lower bound that wa
 It uses the clock only to know when to stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -3,8 +3,6 @@
 It uses the clock, to know when to stop, the processes of solvers, and the file of a proof.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The task that a path solves, and the proof that no schedule for it is shorter, as a file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -33,8 +33,6 @@ beside it. In the envelope of time-optimal paths, the normal cube path makes eve
 possible, and counted from the other end as late as possible in the same number of cubes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias

@@ -3,8 +3,6 @@
 Of the outside world it uses only the clock.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from time import perf_counter
 

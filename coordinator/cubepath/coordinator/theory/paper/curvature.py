@@ -3,8 +3,6 @@
 Nothing here is fast, and nothing knows about actions.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator
 from itertools import count

@@ -5,8 +5,6 @@ result. The others are in `topology`, `curvature` and `geodesics_and_time`; `cla
 them, in the order of the paper.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

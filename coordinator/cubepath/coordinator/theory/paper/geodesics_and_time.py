@@ -1,7 +1,5 @@
 """The paper's sections on geodesics, time and the algorithms."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from functools import cache
 from itertools import combinations, product

@@ -1,7 +1,5 @@
 """The paper's examples of state complexes, its section on topology, and the shape complex."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from itertools import combinations, pairwise
@@ -9,22 +7,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from cubepath.coordinator.theory.complexes import shape_complexes
 from cubepath.coordinator.theory.complexes.collapses import collapse, contractibility
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
 from cubepath.coordinator.theory.complexes.links import actions_at, check_links
-from cubepath.coordinator.theory.complexes.shape_complexes import (
-    ShapeComplex,
-    lattice_of,
-    lift,
-    macro,
-    normal_place,
-    order_of,
-    shape_complex,
-    shifted,
-    steps_at,
-)
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
 from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim
@@ -220,7 +208,7 @@ def _padded(groups: tuple[T, ...], nothing: T) -> tuple[T, ...]:
     "nine squares: a Moebius strip, with two triples of vertices identified",
 )
 def _moebius() -> Outcome:
-    found = shape_complex(scene_from_spec("hex:n=3")).complex
+    found = shape_complexes.shape_complex(scene_from_spec("hex:n=3")).complex
     surface_ = pulled_apart(found)
     if surface_ is None:
         return "an edge is in three squares", False
@@ -251,7 +239,7 @@ def _covering() -> Outcome:
     checked = 0
     for count in (2, 3, 4):
         scene = scene_from_spec(f"hex:n={count}")
-        shapes = shape_complex(scene)
+        shapes = shape_complexes.shape_complex(scene)
         if not check_links(shapes.complex).npc:
             return f"n={count}: the link condition fails", False
         corners = _corners_at(shapes.complex)
@@ -276,30 +264,30 @@ Corner = tuple[int, int, int]
 
 
 def _link_below(
-    shapes: ShapeComplex, scene: Scene, state: frozenset[Site]
+    shapes: shape_complexes.ShapeComplex, scene: Scene, state: frozenset[Site]
 ) -> tuple[list[Corner], int]:
     """Return the images of the cubes at a state in the shape complex, and its shape's number."""
-    system, lattice = scene.system, lattice_of(scene)
+    system, lattice = scene.system, shape_complexes.lattice_of(scene)
     number = {
         cube: (k, place) for k, cubes in enumerate(shapes.cubes) for place, cube in enumerate(cubes)
     }
-    steps = {action: step for step, action in steps_at(system, state).items()}
+    steps = {action: step for step, action in shape_complexes.steps_at(system, state).items()}
     found = []
     for chosen in _commuting_sets(actions_at(scene, state)):
         low = state
         for action in chosen:
             low = low if end_at(action, low) == 0 else apply(action, low)
-        base, by = normal_place(lattice, low)
+        base, by = shape_complexes.normal_place(lattice, low)
         moved = sorted(
             (
-                (shifted(lattice, steps[action], by), end_at(action, state) or 0)
+                (shape_complexes.shifted(lattice, steps[action], by), end_at(action, state) or 0)
                 for action in chosen
             ),
-            key=lambda moved: order_of(moved[0]),
+            key=lambda moved: shape_complexes.order_of(moved[0]),
         )
         cube = number[shapes.shapes.index(base), tuple(step for step, _ in moved)]
         found.append((*cube, sum(end << j for j, (_, end) in enumerate(moved))))
-    return found, shapes.shapes.index(normal_place(lattice, state)[0])
+    return found, shapes.shapes.index(shape_complexes.normal_place(lattice, state)[0])
 
 
 def _commuting_sets(actions: list[Action]) -> Iterator[tuple[Action, ...]]:
@@ -337,8 +325,10 @@ def _macros() -> Outcome:
         workspace=[(q, r) for q in range(-12, 13) for r in range(-12, 13)],
         filled=[(5, 5), (-6, 0)],
     )
-    plan = macro(system, [(0, 0), (1, 0), (2, 0)], [(0, 0), (1, 0), (0, 1)])
-    lifts = [lift(system, plan, (q, r)) for q in range(-12, 13) for r in range(-12, 13)]
+    plan = shape_complexes.macro(system, [(0, 0), (1, 0), (2, 0)], [(0, 0), (1, 0), (0, 1)])
+    lifts = [
+        shape_complexes.lift(system, plan, (q, r)) for q in range(-12, 13) for r in range(-12, 13)
+    ]
     lifted = [each for each in lifts if each.cubes is not None]
     agrees = bool(lifted) and len(lifted) < len(lifts)
     for each in lifted:
@@ -347,7 +337,7 @@ def _macros() -> Outcome:
         )
         for action in (action for cube in each.cubes or () for action in cube):
             state = apply(action, state | system.filled) - system.filled
-        agrees &= normal_place(HEXAGONS, state)[0] == plan.end
+        agrees &= shape_complexes.normal_place(HEXAGONS, state)[0] == plan.end
     return (
         (
             f"a line of three to a triangle takes {len(plan.cubes)} cube; of {len(lifts)} places of"

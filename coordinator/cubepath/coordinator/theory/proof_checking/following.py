@@ -13,8 +13,6 @@ one leaves it and the other enters it, who neither begins nor ends earlier; unde
 CG:SHOP 2021 only in the same direction. No two are on one edge at one time in opposite directions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import chain, pairwise

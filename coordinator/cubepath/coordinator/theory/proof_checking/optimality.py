@@ -8,8 +8,6 @@ must order, and a group that some move does not keep. See docs/proofs.md; nothin
 code that makes proofs but the format of the file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass
 from functools import cached_property

@@ -8,8 +8,6 @@ of the file, from 1. Inside, each has a *slot*: first the sites at times, then t
 then the prefixes of ladders.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, Self
 
 import numpy as np

@@ -9,8 +9,6 @@ CNF Formulas (2003); Wetzler, Heule and Hunt, DRAT-trim (2014), also for the bin
 Literals are ``2 * variable`` and, negated, ``2 * variable + 1``, as in binary logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ Sources: planning as satisfiability (Kautz and Selman 1992), with explanatory fr
 one of many by a sequential counter (Sinz 2005).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

@@ -7,8 +7,6 @@ with its parent, however that ends.
 It uses standard input and output, and the file that it is told to write.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

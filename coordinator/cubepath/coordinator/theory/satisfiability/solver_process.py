@@ -6,8 +6,6 @@ interrupt gets through. So it works in another one.
 It uses processes, and files for logs that it is given.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import json

@@ -3,8 +3,6 @@
 It uses the clock only to know when to stop.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -21,8 +21,6 @@ order, any of them is next, which was found by trial to be better than a queue; 
 cut at a time as long as that succeeds; and vehicles without labels that wait may exchange goals.
 """
 
-from __future__ import annotations
-
 from random import Random
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ beside it, would have to leave in the first round. Single moves alone would mini
 By short such paths it is also found whether modules can move away for ever.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product

@@ -20,8 +20,6 @@ that O(n^2) moves suffice for each module, so O(n^3) in all. The search here is 
 7 modules, nor for random ones of up to 30: they take O(n) moves for each module, O(n^2) in all.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping, Sequence
 

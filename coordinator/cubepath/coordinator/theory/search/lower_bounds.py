@@ -6,8 +6,6 @@ round. What a system says of its paths comes from a class that may belong to ano
 an error in its methods is reported in one line that names the class and the method.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import ParamSpec, TypeVar

@@ -4,8 +4,6 @@ Such a path is translated into a system with a label for each vehicle; moves are
 and back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Self
 

@@ -13,8 +13,6 @@ Sources: planning as satisfiability (Kautz and Selman 1992); windows of plans, S
 It touches the clock, and the process of a solver.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator
 from random import Random

@@ -5,8 +5,6 @@ where it is before and after the round, and no other vehicle holds either. For m
 this is the same as commuting, so a plan is a cube path, and any cube path of vehicles is a plan.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

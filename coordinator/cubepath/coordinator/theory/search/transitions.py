@@ -16,8 +16,6 @@ are non-positively curved (Abrams and Ghrist), so their universal covers are con
 simply connected and contractible are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 

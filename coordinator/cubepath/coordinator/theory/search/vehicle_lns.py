@@ -11,8 +11,6 @@ take most of the time, are those of a `conflict_optimizer`, which gets rid of ro
 smooth what it leaves, and give it other plans to begin with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from random import Random
 

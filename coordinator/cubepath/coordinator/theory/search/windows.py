@@ -10,8 +10,6 @@ Sources: windows of plans, Siddiqui and Haslum, *Plan quality optimisation via b
 (2013); large neighbourhood search, Shaw (1998); beam search, Lowerre (1976).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from random import Random
 

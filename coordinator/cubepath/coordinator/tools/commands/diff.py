@@ -3,8 +3,6 @@
 A path is a recording, of a run with rounds or without, or anything that `shorten` reads.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 

@@ -15,15 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    answer,
-    complain,
-    progress_bar,
-    table,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import (
     Output,
     check_files,
@@ -119,7 +111,7 @@ def _filter(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
 
     check_files(options, [options.log], Output(options.out, (".mcap",)))
-    with progress_bar(None, "filter", ""):
+    with console.progress_bar(None, "filter", ""):
         recording = read_undamaged(options.log)
         count = filter_recording(
             recording,
@@ -131,10 +123,10 @@ def _filter(options: argparse.Namespace) -> int:
         )
     of = len(recording.records)
     document = {"messages": count, "of": of, "output": str(options.out)}
-    answer(
+    console.answer(
         options, document, visible(f"{count} of {counted(of, 'message')} written to {options.out}")
     )
-    return DONE
+    return console.DONE
 
 
 def _split(options: argparse.Namespace) -> int:
@@ -143,7 +135,7 @@ def _split(options: argparse.Namespace) -> int:
     folder: Path = options.out
     check_files(options, [options.log])
     check_output_folder(folder)
-    with progress_bar(None, "split", ""):
+    with console.progress_bar(None, "split", ""):
         made = split_recording(
             options.log,
             folder,
@@ -155,21 +147,21 @@ def _split(options: argparse.Namespace) -> int:
     first, *others = made
     last = f" to {others[-1].name}" if others else ""
     text = f"{'1 part' if len(made) == 1 else f'{len(made)} parts'} written: {first}{last}"
-    answer(options, {"parts": [str(path) for path in made]}, visible(text))
-    return DONE
+    console.answer(options, {"parts": [str(path) for path in made]}, visible(text))
+    return console.DONE
 
 
 def _merge(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import merge_recordings  # noqa: PLC0415
 
     check_files(options, options.logs, Output(options.out, (".mcap",)))
-    with progress_bar(None, "merge", ""):
+    with console.progress_bar(None, "merge", ""):
         count = merge_recordings(options.logs, options.out)
     document = {"messages": count, "recordings": len(options.logs), "output": str(options.out)}
     of = counted(len(options.logs), "recording")
     text = f"{counted(count, 'message')} of {of} written to {options.out}"
-    answer(options, document, visible(text))
-    return DONE
+    console.answer(options, document, visible(text))
+    return console.DONE
 
 
 _FORMS = {
@@ -244,7 +236,7 @@ def _export(options: argparse.Namespace) -> int:
         )
     inner = argparse.Namespace(**{**vars(options), "json": False})
     check_files(inner, [options.log], Output(out, stream=True))
-    with progress_bar(None, "export", ""):
+    with console.progress_bar(None, "export", ""):
         found = export(
             options.log,
             out,
@@ -260,8 +252,10 @@ def _export(options: argparse.Namespace) -> int:
             kinds=[each for each in options.kinds.split(",") if each],
         )
     document = {"what": found.what, "form": found.form, "count": found.count, "output": str(out)}
-    answer(options, document, visible(f"{found.count} {found.what} written to {file_name(out)}"))
-    return DONE
+    console.answer(
+        options, document, visible(f"{found.count} {found.what} written to {file_name(out)}")
+    )
+    return console.DONE
 
 
 _LOOK_S = 0.2
@@ -341,7 +335,7 @@ def _record(options: argparse.Namespace) -> int:
             raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
     interrupted = False
     with (
-        _signalled(lambda *_: complain("no run yet: there is nothing to write")),
+        _signalled(lambda *_: console.complain("no run yet: there is nothing to write")),
         record(
             options.connect,
             options.out,
@@ -354,22 +348,22 @@ def _record(options: argparse.Namespace) -> int:
             memory_megabytes=options.max_cache,
             secure=options.secure,
             patience_s=options.patience,
-            say=complain,
+            say=console.complain,
         ) as recorder,
     ):
-        complain(f"recording run {recorder.run}")
+        console.complain(f"recording run {recorder.run}")
         try:
             with _asking(recorder, snapshots=options.snapshot is not None) as look:
                 _wait(recorder, options.timeout, look)
         except KeyboardInterrupt:
             interrupted = True
-    answer(options, _document(recorder), table(_rows(recorder)))
+    console.answer(options, _document(recorder), console.table(_rows(recorder)))
     if recorder.ended == "run gone":
-        complain(f"run {recorder.run} is gone, and has not said how it ended")
+        console.complain(f"run {recorder.run} is gone, and has not said how it ended")
     if interrupted:
-        complain("interrupted")
-        return INTERRUPTED
-    return FAILED if recorder.ended == "router gone" else DONE
+        console.complain("interrupted")
+        return console.INTERRUPTED
+    return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 
 def _wait(recorder: Recorder, duration_s: float | None, look: Callable[[], None]) -> None:

@@ -6,8 +6,6 @@ moves are compared. Systems of two families have no places, modules or moves in 
 endings of their runs are compared. An option that would have no effect is refused in one line.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack

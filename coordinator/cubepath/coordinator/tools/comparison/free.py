@@ -8,8 +8,6 @@ the other commits, the first are those that depend on no other differing one.
 The rule is asked again turn by turn, as in an audit, up to the turn that led to the commit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain

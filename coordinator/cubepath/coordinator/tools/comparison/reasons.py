@@ -5,8 +5,6 @@ then makes it choose as in the other run is the cause. Where a rule cannot be as
 what differs, and not what that caused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass

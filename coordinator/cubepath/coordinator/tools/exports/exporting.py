@@ -6,8 +6,6 @@ repeated at the very end, so moves and claims are read in one go. Sites are JSON
 `[0,1]`, and lists in JSON.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ other. A file for viewers is no recording, and no command reads it; its log time
 last some time, or the wall clock.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -18,8 +18,6 @@ The events and their data (fields of paths and worlds as in `page_document`):
 - `end`: `ended`, `error`.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

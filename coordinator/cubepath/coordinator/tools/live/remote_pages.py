@@ -4,8 +4,6 @@ The viewer is a guest of the run's router; the run is not touched. The moves of 
 may arrive in any order that they allow; their levels are computed here.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 import time

@@ -5,8 +5,6 @@ another host, or come from another site's page, are refused: neither a host name
 nor a page that guesses can reach a run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hmac
 import json

@@ -4,8 +4,6 @@ It listens to the run and paces it, without taking part in it. Orders arrive in 
 that of the run, which asks between two rounds how long it should wait.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -8,8 +8,6 @@ rounds, senders number their messages. A publisher that adds zenoh's `SourceInfo
 messages as well. A message that arrives late is no longer missing.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import Counter, deque

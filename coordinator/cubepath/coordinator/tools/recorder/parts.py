@@ -3,8 +3,6 @@
 Each of several files is a complete recording, closed before the next begins.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ router waits up to a second for a guest that does not read, and then cuts it off
 reconnects by itself, and what it missed is counted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import secrets

@@ -8,8 +8,6 @@ It also gives messages their log times, which are those of the run's own recordi
 greatest level so far, or the wall clock.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterator

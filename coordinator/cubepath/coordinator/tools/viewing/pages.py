@@ -6,8 +6,6 @@ numbers}``, and their contents follow the JSON, little-endian. All of it is defl
 base64, which has no character with a meaning in HTML: no name in a user's file can end the element.
 """
 
-from __future__ import annotations
-
 import json
 import zlib
 from base64 import b64decode, b64encode

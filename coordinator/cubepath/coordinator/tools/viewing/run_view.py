@@ -7,8 +7,6 @@ these lead down to depth 1: the longest chain of moves that had to follow each o
 of pieces (Viennot).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -28,8 +28,6 @@ of the workspace. An arm may give away all its segments: its base remains, and o
 to that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 

@@ -16,8 +16,6 @@ of it commute. The states are the order ideals of the steps under precedence, so
 is CAT(0), and contractible.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ self-organizing particle systems (PODC 2016, arXiv 1603.07991), the chain's move
 `compression` draws them with the chain's probabilities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Set as AbstractSet
 from itertools import combinations, takewhile
 

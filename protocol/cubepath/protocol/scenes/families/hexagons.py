@@ -3,8 +3,6 @@
 Source: Abrams and Ghrist, example 2-d hex with pivots.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Generator

@@ -7,8 +7,6 @@ meet again. With monkey moves, catalogue 3, any connected shape becomes any othe
 wide enough: `hexagon_plan` of the coordinator returns the moves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import pairwise

@@ -4,8 +4,6 @@ Source: Abrams and Ghrist, examples ("triangulations of polygons with edge-flipp
 generator"). Files of points are plain text or JSON, as the CG:SHOP 2026 challenge has them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable

@@ -3,8 +3,6 @@
 Source: Abrams and Ghrist, example of automated guided vehicles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
@@ -22,6 +20,7 @@ from cubepath.protocol.scenes.random_scenes import (
     walked,
 )
 from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.systems import graphs
 from cubepath.protocol.systems.benchmarks import (
     BenchmarkTask,
     graph_from_yaml,
@@ -29,14 +28,6 @@ from cubepath.protocol.systems.benchmarks import (
     task_from_yaml,
 )
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.graphs import (
-    Graph,
-    PlannerInstance,
-    check_vehicles,
-    graph_from_name,
-    is_named_graph,
-    scenario_from_json,
-)
 
 _GRAPH = "grid6x6"
 _YAML = (".yaml", ".yml")
@@ -63,10 +54,10 @@ def _agv(name: str, values: Values) -> Scene:
     return _scene(name, system, starts, goals)
 
 
-def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
+def _of_scene(values: Values) -> tuple[graphs.Graph, Sequence[Site], Sequence[Site]]:
     """Return the graph, starts and goals of a scene's file: of its first n vehicles, or of all."""
     path, on = Path(values["scene"]), values["graph"]
-    task: PlannerInstance | BenchmarkTask
+    task: graphs.PlannerInstance | BenchmarkTask
     if path.suffix == ".scen":
         task = task_from_scen(path)
         if Path(on).name != Path(task.map_name).name:
@@ -78,7 +69,7 @@ def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
             raise InputError(f"{path}: on {task.map_name}, expected graph=FILE.yaml with that map")
         graph = graph_from_yaml(Path(on), task.map_name)
     else:
-        task = scenario_from_json(path)
+        task = graphs.scenario_from_json(path)
         graph = _graph(values) if on else task.graph
     starts, goals = task.starts, task.goals
     if values["n"]:
@@ -87,17 +78,19 @@ def _of_scene(values: Values) -> tuple[Graph, Sequence[Site], Sequence[Site]]:
             raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
         starts, goals = starts[:count], goals[:count]
     if isinstance(task, BenchmarkTask):
-        check_vehicles(str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)])
+        graphs.check_vehicles(
+            str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)]
+        )
     return graph, starts, goals
 
 
-def _graph(values: Values) -> Graph:
+def _graph(values: Values) -> graphs.Graph:
     name = values["graph"] or _GRAPH
     if Path(name).suffix in _YAML:
         return graph_from_yaml(Path(name), values["entry"])
     if values["entry"]:
         raise InputError(f"entry={values['entry']}: expected graph=FILE.yaml too")
-    return graph_from_name(name)
+    return graphs.graph_from_name(name)
 
 
 def _check_nothing_random(values: Values) -> None:
@@ -136,7 +129,7 @@ def _random(name: str, values: Values) -> Scene:
     return _scene(name, system, starts, goals)
 
 
-def _system(graph: Graph, count: int, *, labelled: bool) -> GraphSystem:
+def _system(graph: graphs.Graph, count: int, *, labelled: bool) -> GraphSystem:
     return GraphSystem(
         graph.vertices, graph.edges, labels=count if labelled else None, compass=graph.compass
     )
@@ -176,7 +169,7 @@ _KEYS = {
 
 def _is_file(key: str, value: str) -> bool:
     if key == "graph":
-        return bool(value) and not is_named_graph(value) and random_graph(value) is None
+        return bool(value) and not graphs.is_named_graph(value) and random_graph(value) is None
     return key == "scene" and bool(value)
 
 

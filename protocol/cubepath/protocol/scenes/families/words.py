@@ -13,8 +13,6 @@ Sides of unequal length are padded with a letter ``_`` that stands for nothing a
 enough room.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
