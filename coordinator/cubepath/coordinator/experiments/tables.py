@@ -20,7 +20,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from cubepath.coordinator.experiments.published import PublishedResults
+from cubepath.coordinator.experiments.published import PUBLISHED, PublishedResults
 from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
 from cubepath.coordinator.experiments.statistics import (
     SIZES_MIN,
@@ -201,7 +201,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
     others = [(each, row) for each in published for row in each.results if row[0] in systems]
     for each, (system, name, share, rounds) in others:
         goal = share_interval(round(share * each.runs), each.runs)
-        found.append((system, f"{name} (published)", *blank, each.runs, goal, rounds, *rest))
+        found.append((system, name + PUBLISHED, *blank, each.runs, goal, rounds, *rest))
     found.sort(key=lambda row: systems.index(row[0]))
     return ReportTable(
         "Runs",
