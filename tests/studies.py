@@ -116,13 +116,12 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
         both = [by_setting.get((system, hesitate), []) for hesitate in (0.0, 0.5)]
         lost = [
             geometric_mean_interval([row[name] for row in played]).estimate if played else None
-            for played in both
-            for name in ("class", "timing")
+            for played, name in zip((both[0], *both), ("class", "timing", "timing"), strict=True)
         ]
         one = next((row[FACTORS[2]] for each in both for row in each), None)
         lines.append([f"`{system}`", f"`{rule}`", optimum_shown(best[system]), one, *lost])
-    names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
-    return {"rules": markdown(["system", "by", "optimum", "rule", *names], lines)}
+    names = ["system", "by", "optimum", "rule", "class, h 0", "timing, h 0", "timing, h ½"]
+    return {"rules": markdown(names, lines)}
 
 
 PICTURED = {
