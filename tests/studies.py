@@ -20,11 +20,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from cubepath.coordinator.experiments.plots import price_plot
 from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, in_canonical_order
 from cubepath.coordinator.experiments.statistics import geometric_mean_interval, mean_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep
-from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, shown
+from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, shown, without_size
 
 DOCS = Path(__file__).parent.parent / "docs"
 FOLDER = DOCS / "studies"
@@ -98,33 +97,117 @@ def with_best(rows: Sequence[Row]) -> list[Row]:
     ]
 
 
+def _modules(row: Row) -> int:
+    modules: int = row["modules"]
+    return modules
+
+
 def price_tables(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the table of prices: factors of the systems that are played by their rule alone."""
+    """Return the table of prices: factors of the largest of systems that one rule alone plays."""
     chance = {row["system"] for row in rows if row["rule"] == "random"}
     best = best_known()
     by_setting = groups(priced(with_best(rows)), ["system", "hesitate"])
     lines = []
-    for system in dict.fromkeys(row["system"] for row in rows):
+    kinds = {without_size(row["system"]): row for row in sorted(rows, key=_modules)}
+    for kind in dict.fromkeys(without_size(row["system"]) for row in rows):
+        system, rule = kinds[kind]["system"], kinds[kind]["rule"]
         if system in chance:
             continue
         both = [by_setting.get((system, hesitate), []) for hesitate in (0.0, 0.5)]
         lost = [
             geometric_mean_interval([row[name] for row in played]).estimate if played else None
-            for played in both
-            for name in ("class", "timing")
+            for played, name in zip((both[0], *both), ("class", "timing", "timing"), strict=True)
         ]
         one = next((row[FACTORS[2]] for each in both for row in each), None)
-        lines.append([f"`{system}`", optimum_shown(best[system]), one, *lost])
-    names = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in ("class", "timing")]
-    return {"rules": markdown(["system", "optimum", "rule", *names], lines)}
+        lines.append([f"`{system}`", f"`{rule}`", optimum_shown(best[system]), one, *lost])
+    names = ["system", "by", "optimum", "rule", "class, h 0", "timing, h 0", "timing, h ½"]
+    return {"rules": markdown(names, lines)}
+
+
+PICTURED = {
+    "arm:n=80": "arm of 80 segments",
+    "assembly:n=6": "pyramid of 21 parts",
+    "hex-tunnel:n=16": "16 hexagons in a channel",
+    "polygon:n=20": "polygon with 20 corners",
+    "triangulation:n=40,seed=1": "triangulation of 40 points",
+    "hex:n=16": "chain of 16 hexagons",
+    "hex-open:n=16": "chain that may split, 16",
+    "sliding-shapes:n=8,seed=1": "8 squares to any shape",
+    "hex-shapes:n=7,seed=1": "7 hexagons to any shape",
+    "agv-labelled:graph=grid8x8,n=16,seed=1": "16 vehicles, a goal each",
+    "agv:graph=grid8x8,n=16,seed=1": "16 vehicles, any goal",
+    "arm-free:n=8": "free arm of 8 segments",
+}
+"""One system of each family, and what a reader who does not know it reads."""
 
 
 def price_picture(rows: Sequence[Row]) -> bytes:
-    """Return the picture of the page on prices: the systems that are played by their rule alone."""
-    chance = {row["system"] for row in rows if row["rule"] == "random"}
-    plot = price_plot([row for row in with_best(rows) if row["system"] not in chance])
-    assert plot is not None
-    return plot.png
+    """Return the picture of prices: for one system of each family, the three factors of its rule.
+
+    The bars are runs with a common beat, the marks runs in which modules skip half of the rounds.
+    """
+    runs = [row for row in with_best(rows) if row["rule"] != "random"]
+    paid = groups(priced(runs), ["system", "hesitate"])
+    found = []
+    for system, name in PICTURED.items():
+        both = [paid[system, hesitate] for hesitate in (0.0, 0.5)]
+        each = [geometric_mean_interval([row[of] for row in both[0]]).estimate for of in FACTORS]
+        marks = [
+            geometric_mean_interval([row["price"] for row in several]).estimate for several in both
+        ]
+        found.append((marks[0], marks[1], each[::-1], f"{name}: {both[0][0]['rule']}"))
+    found.sort(reverse=True)
+    style: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False}
+    names = (
+        "rule: the best way that it found is longer",
+        "class: another run found a better way",
+        "timing: moves are later than possible",
+    )
+    looks = (("#0072B2", ""), ("#E69F00", "////"), ("#ffffff", "...."))
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(9.6, 4.8), layout="constrained", dpi=110)
+        axes = figure.subplots()
+        at = list(range(len(found)))
+        left = np.ones(len(found))
+        for place, (name, (color, hatch)) in enumerate(zip(names, looks, strict=True)):
+            right = left * [each[place] for _, _, each, _ in found]
+            axes.barh(
+                at,
+                right - left,
+                left=left,
+                color=color,
+                hatch=hatch,
+                edgecolor="#1b1f24",
+                linewidth=0.6,
+                height=0.7,
+                label=name,
+            )
+            left = right
+        late = [late for _, late, _, _ in found]
+        axes.plot(
+            late, at, "D", color="#D55E00", markersize=5, label="if modules skip half of the rounds"
+        )
+        axes.set_yticks(at, [label for *_, label in found])
+        axes.set_xscale("log")
+        ticks = [each for each in (1, 2, 3, 5, 10, 20, 50) if each <= max(late) * 1.1]
+        axes.set_xticks(ticks, [f"{each}" for each in ticks])
+        axes.minorticks_off()
+        axes.set_xlim(1, max(late) * 1.1)
+        axes.grid(visible=True, axis="x", color="#8a8f98", alpha=0.35)
+        axes.set_axisbelow(True)
+        axes.set_xlabel("rounds, as a multiple of the best schedule known")
+        shown_as, labels = axes.get_legend_handles_labels()
+        order = (1, 2, 3, 0)
+        figure.legend(
+            [shown_as[place] for place in order],
+            [labels[place] for place in order],
+            loc="outside lower center",
+            ncols=2,
+            frameon=False,
+        )
+        stream = BytesIO()
+        figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
 
 
 # The free clock against lockstep.

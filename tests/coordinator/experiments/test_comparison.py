@@ -11,12 +11,16 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.experiments.folder import read_mark
 from cubepath.coordinator.experiments.instances import standard
+from cubepath.coordinator.experiments.plots import published_rows
 from cubepath.coordinator.experiments.report import write_report
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import STANDARD, expand, sweep_of
+from cubepath.coordinator.experiments.statistics import share_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
+    by_size,
     pairs_table,
     price_table,
     runs_table,
@@ -183,8 +187,22 @@ def test_published_figures_stand_beside_ours(compared: Path) -> None:
     assert (theirs["goal"]["estimate"], theirs["rounds"], theirs["cubes"]) == (0.5, 7.5, None)
     assert 0 < theirs["goal"]["low"] < 0.5 < theirs["goal"]["high"] < 1
     assert table.note.startswith("Published: a page. Its vehicles wait. Goal is")
+    drawn = report.files[1].with_suffix(".svg").read_text()
+    assert ">Planner (published)<" in drawn
+    assert ">Published: a page. Its vehicles wait.<" in drawn
     alone = write_report(compared, pool=(), axes=("modules", "goal"))
     assert len(next(each for each in alone.tables if each.title == "Runs").rows) == 8
+
+
+def test_published_figures_are_points_beside_ours(compared: Path) -> None:
+    """The share of as many runs and the mean rounds, at the modules of the system; nothing else."""
+    (published,) = read_mark(compared)[1].published
+    rows = short_names(read_sweep(compared).rows, ["entry"])
+    others = published_rows(rows, [published])
+    assert {(row["rule"], row["modules"]) for row in others} == {("Planner (published)", 2)}
+    assert by_size(others, "goal")[2] == share_interval(4, 8)
+    assert by_size(others, "rounds")[2].estimate == 7.5
+    assert not by_size(others, "moves")
 
 
 def test_another_sweep_in_the_folder_keeps_what_was_published(
@@ -209,7 +227,7 @@ def test_sweeps_come_with_cubepath() -> None:
 def test_data_is_found_in_the_folder_that_is_given(tmp_path: Path) -> None:
     """All systems of movingai-1: four maps, 25 scenarios, three sizes."""
     names = ("random-32-32-10", "random-32-32-20", "room-32-32-4", "maze-32-32-4")
-    scenes = [values(f"{name}-random-1..25.scen", "scene") for name in names]
+    scenes = [values(f"{name}-even-1..25.scen", "scene") for name in names]
     for file in (*chain(*scenes), *(f"{name}.map" for name in names)):
         (tmp_path / file).touch()
     found = sweep_of(["movingai-1"], {"data": str(tmp_path)})

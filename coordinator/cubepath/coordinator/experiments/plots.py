@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from math import ceil
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -19,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
+from cubepath.coordinator.experiments.published import PUBLISHED, PublishedResults
 from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, natural
 from cubepath.coordinator.experiments.tables import (
     WORLD,
@@ -46,6 +48,8 @@ _TITLE = 32
 """This many letters are as wide as a panel; a longer title continues in the next line."""
 _LONG = 16
 """Labels of a legend with more letters stand two in a line."""
+_SOURCE = 90
+"""This many letters of a source are as wide as two panels."""
 _DECADE = 10
 _OVER = "cubes over best"
 _SHARE = "2/6: two of six runs reached the goal"
@@ -95,12 +99,14 @@ class Plot:
 class Looks:
     """What lines look like: one look for each variant, the same in all panels.
 
-    `size` is the width and the height of a plot in inches, if they do not follow from its panels.
+    `size` is the width and the height of a plot in inches, if they do not follow from its panels;
+    `sources` are those of what others published.
     """
 
-    def __init__(self, rows: Sequence[Row], size: Sequence[float] = ()) -> None:
+    def __init__(self, rows: Sequence[Row], size: Sequence[float] = (), sources: str = "") -> None:
         """Take the variants in the order of their names."""
         self.size: Any = size
+        self.sources = sources
         self._keys = varying(rows, ("rule", *WORLD[1:]))
         labels = sorted({self.label(row) for row in rows}, key=natural)
         self._places = {label: place for place, label in enumerate(labels)}
@@ -130,6 +136,7 @@ class Looks:
                 "marker": _MARKERS[place % len(_MARKERS)],
                 "linestyle": _DASHES[place // len(_COLOURS) % len(_DASHES)],
             }
+            look |= {"linestyle": ":", "mfc": "white"} if label.endswith(PUBLISHED) else {}
             yield look, found[label]
 
 
@@ -138,12 +145,16 @@ def plots_of(
     left: Mapping[str, NDArray[np.int64]],
     axes: Sequence[str] = (),
     size: Sequence[float] = (),
+    published: Sequence[PublishedResults] = (),
 ) -> list[Plot]:
     """Return the plots that the data has something for; with `axes`, that of these two columns.
 
     `left` has for runs, by their ids, how far the goal is after each round, shape (rounds,).
+    What others published on the same systems is drawn beside the runs.
     """
-    looks, measured = Looks(rows, size), _measured(rows)
+    measured = [*_measured(rows), *published_rows(_measured(rows), published)]
+    sources = " ".join(dict.fromkeys(f"Published: {each.source}" for each in published))
+    looks = Looks(measured, size, fill(sources, _SOURCE))
     if axes:
         x, y = axes
         panel = "base" if x == "modules" else "system"
@@ -157,6 +168,9 @@ def plots_of(
         if len({row["modules"] for row in several if row["goal"]}) > 1
         for row in several
     ]
+    if not all(row["goal"] for row in sized):
+        share = "Share of runs that reach the goal, by modules"
+        found.append(_figure("growth-goal", share, sized, "base", looks, _by_size("goal")))
     for name, measure, title in (
         ("growth-rounds", "rounds", f"Rounds to the goal, by modules\n{_CAPPED}"),
         ("growth-cubes", "cubes", f"Cubes of the schedule, by modules\n{_SHARE}"),
@@ -195,6 +209,21 @@ def _measured(rows: Sequence[Row]) -> list[Row]:
         more = {"rounds": rounds_or_limit(row), "price": prices.get(row["id"]), _OVER: over}
         found.append(row | counted | more | {"base": without_size(row["system"])})
     return found
+
+
+def published_rows(rows: Sequence[Row], published: Sequence[PublishedResults]) -> list[Row]:
+    """Return the published runs in systems of these rows: with their share, each with the mean."""
+    here = {row["system"]: row for row in rows}
+    unknown = dict.fromkeys({*MEASURES} - {"modules", "max_rounds", "hesitate"})
+    return [
+        here[system]
+        | unknown
+        | {"rule": name + PUBLISHED, "goal": run < round(share * each.runs), "rounds": rounds}
+        for each in published
+        for system, name, share, rounds in each.results
+        if system in here
+        for run in range(each.runs)
+    ]
 
 
 def price_plot(rows: Sequence[Row], size: Sequence[float] = ()) -> Plot | None:
@@ -333,6 +362,8 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
         figure.legend(
             [handles[label] for label in labels],
             labels,
+            title=looks.sources if any(label.endswith(PUBLISHED) for label in labels) else None,
+            title_fontsize=7,
             loc="outside lower center",
             ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )

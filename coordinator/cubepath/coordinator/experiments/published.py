@@ -9,6 +9,9 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 
+PUBLISHED = " (published)"
+"""What stands after the name of a program whose results are published."""
+
 
 class PublishedResults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Results of one source; each is the mean of this many `runs`.

@@ -189,7 +189,7 @@ def write_report(
     tables = runs_table(rows, notes.published), *others
     tables = _with_columns(tables, columns) if columns else tables
     left = distances(Path(folder), {row["id"] for row in rows})
-    plots = plots_of(rows, left, axes, size)
+    plots = plots_of(rows, left, axes, size, notes.published)
     page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:

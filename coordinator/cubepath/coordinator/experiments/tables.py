@@ -18,7 +18,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from cubepath.coordinator.experiments.published import PublishedResults
+from cubepath.coordinator.experiments.published import PUBLISHED, PublishedResults
 from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
 from cubepath.coordinator.experiments.statistics import (
     SIZES_MIN,
@@ -194,24 +194,25 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
                 sum(row["ended"] in FAILURES for row in several),
             )
         )
+    limits = " or ".join(map(str, sorted({row["max_rounds"] for row in rows})))
     systems = [row[0] for row in found]
     blank, rest = [None] * (len(keys) - 2), [None] * (len(found[0]) - len(keys) - 3)
     others = [(each, row) for each in published for row in each.results if row[0] in systems]
     for each, (system, name, share, rounds) in others:
         goal = share_interval(round(share * each.runs), each.runs)
-        found.append((system, f"{name} (published)", *blank, each.runs, goal, rounds, *rest))
+        found.append((system, name + PUBLISHED, *blank, each.runs, goal, rounds, *rest))
     found.sort(key=lambda row: systems.index(row[0]))
     return ReportTable(
         "Runs",
         "".join(f"Published: {source} " for source in dict.fromkeys(e.source for e, _ in others))
-        + "Goal is the share of runs that reached their goal, with its exact interval (Clopper and"
-        " Pearson). Rounds are means over all runs, where a run that did not reach its goal counts"
-        " as its limit; time, moves, costs, cubes and price are means over the runs that did. Costs"
-        " are the rounds up to each module's last move, summed over all modules. Intervals are"
-        " those of 2,000 seeded bootstrap resamples, at 95%. Best is the fewest cubes known in the"
-        " system, including those of all runs here; price is rounds over best. Time is in"
-        " turns of a module that is not slow, under the simulator in virtual seconds; it is shown"
-        " if it differs from the rounds.",
+        + f"Goal is the share of runs that reached their goal within {limits} rounds, with its"
+        " exact interval (Clopper and Pearson). Rounds are means over all runs, where a run that"
+        " did not reach its goal counts as its limit; time, moves, costs, cubes and price are means"
+        " over the runs that did. Costs are the rounds up to each module's last move, summed over"
+        " all modules. Intervals are those of 2,000 seeded bootstrap resamples, at 95%. Best is the"
+        " fewest cubes known in the system, including those of all runs here; price is rounds over"
+        " best. Time is in turns of a module that is not slow, under the simulator in virtual"
+        " seconds; it is shown if it differs from the rounds.",
         (*keys, *_MEASURED, *_KNOWN),
         tuple(found),
     )
