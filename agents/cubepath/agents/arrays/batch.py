@@ -284,14 +284,16 @@ class Batch:
     def put(
         self, environment: int, sites: Sequence[Site], round_number: int, said: Sequence[Note]
     ) -> None:
-        """Put the modules of an environment at these sites after a round, with their last notes."""
+        """Put the modules of an environment at these sites after a round, with their last notes.
+
+        An `observe` has to follow.
+        """
         places, codes = self._stand_at(sites)
         self._follow()
         self._set(np.array([environment]), places, codes)
         self.round[environment] = round_number
         if self.note_length:
             self.said[environment] = said
-        self.observe()
 
     def _set(self, environments: NDArray[np.intp], places: Ints, codes: Ints) -> None:
         tables, rows = self._tables, environments[:, None]

@@ -172,6 +172,7 @@ class ArrayWorld:
     def put(self, sites: Sequence[Site], round_number: int, said: Sequence[Note]) -> None:
         """Put every module at its site after a round, with its last note."""
         self.batch.put(0, sites, round_number, said)
+        self.batch.observe()
 
     def spoken(self) -> list[Note]:
         """Return the last note of each module, by number; zeros where a rule has sent none."""

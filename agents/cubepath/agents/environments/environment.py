@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
-from copy import copy as copied
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -125,6 +124,10 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
             self._world.reset(seed)
         self._played = None
         self._compile_when_it_pays()
+        return self._begun()
+
+    def _begun(self) -> tuple[dict[str, Observation], Infos]:
+        """Return the observations and infos before a step."""
         if isinstance(self._world, ArrayWorld):
             return self._all_shown(self._world, ())
         observations = self._show(self._observe())
@@ -174,18 +177,22 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         sites, notes = tuple(world.sites), tuple(world.spoken())
         return EpisodeState(world.seed, world.round, sites, notes, tuple(self.agents))
 
-    def set_state(self, state: EpisodeState) -> None:
-        """Continue from where an episode of the same scene was; InputError over zenoh.
+    def set_state(self, state: EpisodeState) -> tuple[dict[str, Observation], Infos]:
+        """Continue from where an episode of the same scene was, and return what `reset` does.
 
-        Each following step returns what it returned there after the same actions.
+        Each following step returns what it returned there after the same actions. InputError over
+        zenoh.
         """
         self.reset(state.seed)
         self._own_world().put(state.sites, state.round, state.notes)
+        seen = self._begun()
         self.agents = list(state.agents)
+        return seen
 
     def __deepcopy__(self, memo: object) -> Self:
         """Return another environment that is where this one is; the scene is shared."""
-        found = copied(self)  # by EzPickle, from the arguments
+        (_, *others), given = self._ezpickle_args, self._ezpickle_kwargs
+        found = type(self)(self.scene, *others, **given)
         found.max_cycles, found.render_mode = self.max_cycles, self.render_mode
         if self._world is not None:
             found.set_state(self.get_state())

@@ -6,9 +6,10 @@ module act again and again, and depends only on the seed and the results of earl
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from heapq import heapify, heapreplace
 from numbers import Real
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -237,6 +238,14 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
         self._world: FreeWorld | None = None
         self._declared: Choice | None = None
         self.last_turn: ActionResult | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Return another environment that is where this one is; the scene is shared."""
+        shared = self.scene, self.scene.system, self._shown
+        memo.update({id(each): each for each in shared})
+        found = type(self).__new__(type(self))
+        vars(found).update(deepcopy(vars(self), memo))
+        return found
 
     def _make_scheduler(self, seed: int) -> Scheduler:
         name, speeds, jitter = self._scheduling

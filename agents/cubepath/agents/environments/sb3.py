@@ -5,6 +5,7 @@ The library is an extra, ``pip install 'cubepath[learning]'``, imported when nee
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from gymnasium import spaces
 
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
-from cubepath.agents.local.relative import Showing
+from cubepath.agents.local.relative import Showing, relative_layout
 from cubepath.agents.rules.policy import (
     ACTIVATIONS,
     FORMAT,
@@ -25,19 +26,19 @@ from cubepath.agents.rules.policy import (
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from cubepath.agents.environments.sb3_vec_env import ModulesVecEnv
 
 
 def sb3_env(
-    system: str | Scene = "hex",
+    system: str | Scene | Sequence[str | Scene] = "hex",
     *,
     num_envs: int = 1,
     max_cycles: int = 500,
     observation: Showing = "relative",
+    progress: float = 0.0,
 ) -> ModulesVecEnv:
     """Return environments of a system as a `VecEnv` of Stable-Baselines3, with masks.
 
@@ -50,15 +51,18 @@ def sb3_env(
     >>> env.num_envs, env.reset().shape, sb3_rule("learned", model).name
     (16, (16, 27), 'learned')
 
-    Args: system: a system by name or file as on the command line, or a scene. num_envs: how many
-        environments. max_cycles: an episode is truncated after this many rounds. observation:
-        "relative", float32 between -1 and 1, or "absolute", int32.
+    Args: system: a system by name or file as on the command line, or a scene, or several with as
+        many modules, observations and actions. num_envs: how many environments of each.
+        max_cycles: an episode is truncated after this many rounds. observation: "relative",
+        float32 between -1 and 1, or "absolute", int32. progress: what a module gets in addition
+        for a move that leads nearer to its nearest known goal, and loses for one that leads away;
+        the relative observations' entries ``nearer`` say which.
 
     `action_masks`, as `MaskablePPO` asks for it, is bool of shape (rows, moves + 1). The reward is
-    that of PettingZoo, the same for all modules of an environment, which end together: an episode
-    that is over begins anew in the same step, with ``terminal_observation``,
+    that of PettingZoo, the same for all modules of an environment, and `progress`; they end
+    together. An episode that is over begins anew in the same step, with ``terminal_observation``,
     ``TimeLimit.truncated`` and ``is_success`` in the infos of its rows. ``seed(s)`` gives
-    environment i the seed s + i, later episodes draw theirs from it as those of `vector_env` do.
+    environment i the seed s + i; later episodes draw theirs from it as those of `vector_env` do.
 
     InputError if Stable-Baselines3 is missing, or as for `vector_env`.
     """
@@ -68,19 +72,26 @@ def sb3_env(
         raise InputError(
             "sb3_env takes Stable-Baselines3: pip install 'cubepath[learning]'"
         ) from None
-    scene = scene_from_spec(system) if isinstance(system, str) else system
-    scene = local_only(scene, "environment")
-    env = CubepathVectorEnv(
-        scene,
-        num_envs=num_envs,
-        max_cycles=max_cycles,
-        observation=observation,
-        autoreset_mode="Disabled",
-    )
+    given = [system] if isinstance(system, str | Scene) else system
+    envs = [
+        CubepathVectorEnv(
+            each,
+            num_envs=num_envs,
+            max_cycles=max_cycles,
+            observation=observation,
+            autoreset_mode="SameStep",
+        )
+        for each in given
+    ]
+    if len({str(each.single_observation_space) for each in envs}) != 1:
+        raise InputError("sb3_env: expected one or more scenes with observations of one shape")
+    scene = envs[0].scene
+    if progress and (observation != "relative" or relative_layout(scene.system).sites is None):
+        raise InputError(f"progress={progress}: expected relative observations with a part nearer")
     space = ObservationEncoder(scene, observation).space(0)["observation"]
     if not isinstance(space, spaces.Box):
         raise TypeError("an observation is a box of numbers")
-    return ModulesVecEnv(env, space)
+    return ModulesVecEnv(envs, space, progress)
 
 
 def sb3_save(model: Any, path: str | Path) -> None:

@@ -6,6 +6,7 @@ sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -14,29 +15,35 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
+from cubepath.agents.arrays.rounds import GRANTED
 from cubepath.agents.environments.vector_environment import LATER_SEEDS, Arrays, CubepathVectorEnv
+from cubepath.agents.local.relative import relative_layout
 from cubepath.protocol.core.errors import InputError
 
 Flags = NDArray[np.bool_]
 
 
 class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
-    """Environments of one scene for Stable-Baselines3; `sb3_env` makes and documents it."""
+    """Environments of scenes for Stable-Baselines3; `sb3_env` makes and documents it."""
 
     _seeds: list[int | None]
     """The seed of each row's next reset."""
 
-    def __init__(self, env: CubepathVectorEnv, observation_space: spaces.Box) -> None:
-        """Take over environments that are not reset by themselves, and what one module sees."""
-        scene = env.scene
+    def __init__(
+        self, envs: Sequence[CubepathVectorEnv], observation_space: spaces.Box, progress: float
+    ) -> None:
+        """Take over environments, the same number of each scene, and what one module sees."""
+        scene = envs[0].scene
         self.modules = len(scene.start)
         """How many rows belong to one environment."""
-        self._env = env
-        self._streams: list[np.random.Generator] = []
-        rows, actions = env.num_envs * self.modules, scene.system.move_slots + 1
-        self._mask = np.ones((rows, actions), np.bool_)
+        self._envs, self._progress = envs, progress
+        self._nearer = relative_layout(scene.system).parts["nearer"]
+        shape, actions = (len(envs), envs[0].num_envs, self.modules), scene.system.move_slots + 1
+        self._seen = np.zeros((*shape, *observation_space.shape), observation_space.dtype)
+        self._mask = np.ones((*shape, actions), np.bool_)
         self._actions: NDArray[np.int64] | None = None
-        super().__init__(rows, observation_space, spaces.Discrete(actions))
+        self._begun = False
+        super().__init__(math.prod(shape), observation_space, spaces.Discrete(actions))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Give environment i the seed ``seed + i`` at the next reset; None draws one."""
@@ -49,65 +56,67 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
     def reset(self) -> NDArray[Any]:
         """Begin a new episode in every environment."""
-        given = self._seeds[:: self.modules]
-        if not self._streams:
-            given = [number if seed is None else seed for number, seed in enumerate(given)]
-            self._streams = [np.random.default_rng(seed) for seed in given]
-        seeds = []
-        for number, seed in enumerate(given):
-            if seed is not None:
-                self._streams[number] = np.random.default_rng(seed)
-            seeds.append(self._next_seed(number) if seed is None else seed)
+        seeds = self._seeds[:: self.modules]
+        if not self._begun:
+            seeds = [number if seed is None else seed for number, seed in enumerate(seeds)]
+        for place, env in enumerate(self._envs):
+            first = place * env.num_envs
+            seen, infos = env.reset(seed=seeds[first : first + env.num_envs])
+            self._keep(place, seen)
+            for number, seed in enumerate(infos["seed"].tolist()):
+                self._note_seed(place, number, seed)
+        self._begun = True
         self._reset_seeds()
         self._reset_options()
-        return self._begun(seeds)
+        return self._rows()
 
-    def _next_seed(self, number: int) -> int:
-        return int(self._streams[number].integers(LATER_SEEDS))
+    def _keep(self, place: int, seen: Arrays) -> None:
+        self._seen[place], self._mask[place] = seen["observation"], seen["action_mask"]
 
-    def _begun(self, seeds: Sequence[int | None]) -> NDArray[Any]:
-        """Begin an episode in each environment that has a seed; return what all rows see."""
-        for number, seed in enumerate(seeds):
-            if seed is not None:
-                begin = number * self.modules
-                for row in range(begin, begin + self.modules):
-                    self.reset_infos[row] = {"seed": seed}
-        mask = np.array([seed is not None for seed in seeds])
-        seen, _ = self._env.reset(seed=list(seeds), options={"reset_mask": mask})
-        return self._rows(seen)
+    def _note_seed(self, place: int, number: int, seed: int) -> range:
+        """Keep the seed of an episode that began; return the rows of its modules."""
+        first = (place * self._envs[0].num_envs + number) * self.modules
+        rows = range(first, first + self.modules)
+        for row in rows:
+            self.reset_infos[row] = {"seed": seed}
+        return rows
 
-    def _rows(self, seen: Arrays) -> NDArray[Any]:
-        self._mask = seen["action_mask"].reshape(self.num_envs, -1).astype(np.bool_)
-        return seen["observation"].reshape(self.num_envs, -1)
+    def _rows(self) -> NDArray[Any]:
+        return self._seen.reshape(self.num_envs, -1).copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the action of each row."""
-        self._actions = np.asarray(actions, np.int64).reshape(-1, self.modules)
+        self._actions = np.asarray(actions, np.int64).reshape(self._mask.shape[:-1])
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], Flags, list[dict[str, Any]]]:
         """Play a round; environments whose episode is over begin the next one at once."""
-        if self._actions is None or not self._streams:
+        if self._actions is None or not self._begun:
             raise InputError("the environments have not been reset yet: call reset first")
-        seen, rewards, terminated, truncated, _ = self._env.step(self._actions)
-        rows = self._rows(seen)
-        over = terminated | truncated
+        rewards = np.zeros(self._actions.shape, np.float32)
+        over = np.zeros(self._actions.shape, np.bool_)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        if over.any():
-            for number in np.flatnonzero(over).tolist():
-                for row in range(number * self.modules, (number + 1) * self.modules):
+        for place, (env, actions) in enumerate(zip(self._envs, self._actions, strict=True)):
+            seen, shared, reached, late, found = env.step(actions)
+            rewards[place] = shared[:, np.newaxis]
+            if self._progress:
+                nearer = self._seen[place][:, :, self._nearer]
+                made = np.take_along_axis(nearer, actions[:, :, np.newaxis] - 1, 2)[:, :, 0]
+                rewards[place] += self._progress * made * (env.batch.outcomes == GRANTED)
+            self._keep(place, seen)
+            over[place] = (reached | late)[:, np.newaxis]
+            for number in np.flatnonzero(reached | late).tolist():
+                rows = self._note_seed(place, number, int(found["seed"][number]))
+                for row, last in zip(rows, found["final_obs"]["observation"][number], strict=True):
                     infos[row] = {
-                        "terminal_observation": rows[row].copy(),
-                        "TimeLimit.truncated": bool(truncated[number]),
-                        "is_success": bool(terminated[number]),
+                        "terminal_observation": last,
+                        "TimeLimit.truncated": bool(late[number]),
+                        "is_success": bool(reached[number]),
                     }
-            seeds = [self._next_seed(n) if ends else None for n, ends in enumerate(over.tolist())]
-            rows = self._begun(seeds)
-        by_row = np.repeat(rewards, self.modules).astype(np.float32)
-        return rows, by_row, np.repeat(over, self.modules), infos
+        return self._rows(), rewards.ravel(), over.ravel(), infos
 
     def action_masks(self) -> Flags:
         """Return which actions of each row are legal, bool of shape (rows, actions)."""
-        return self._mask.copy()
+        return self._mask.reshape(self.num_envs, -1).copy()
 
     def env_method(
         self,
@@ -119,7 +128,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Call `action_masks`, the one method that a row has by itself."""
         if method_name != "action_masks" or method_args or method_kwargs:
             raise AttributeError(f"a module has no method {method_name!r}, only 'action_masks'")
-        return [self._mask[row].copy() for row in self._get_indices(indices)]
+        return list(self.action_masks()[self._get_indices(indices)])
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
         """Return what all rows have in common: ``render_mode``, None, and `action_masks`."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch, RelativeArrays
 from cubepath.agents.arrays.rounds import ILLEGAL
+from cubepath.agents.environments.environment import EpisodeState
 from cubepath.agents.environments.observations import ObservationEncoder
 from cubepath.agents.local.observation import SILENT
 from cubepath.agents.local.relative import Showing
@@ -215,6 +216,34 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
             "seed": self._seeds.copy(),
             "_seed": everyone,
         }
+
+    def get_state(self) -> tuple[EpisodeState, ...]:
+        """Return where the episode of each environment is, as `CubepathEnv.get_state` does."""
+        batch = self.batch
+        return tuple(
+            EpisodeState(
+                seed,
+                int(batch.round[number]),
+                tuple(batch.sites(number)),
+                tuple(map(tuple, batch.said[number].tolist())),
+                () if over else self.scene.modules,
+            )
+            for number, (seed, over) in enumerate(
+                zip(self._seeds.tolist(), self._over, strict=True)
+            )
+        )
+
+    def set_state(self, states: Sequence[EpisodeState]) -> tuple[Arrays, dict[str, Any]]:
+        """Continue each environment from a state of this scene, and return what `reset` does.
+
+        Later episodes have the seeds that follow ``reset(seed=[state.seed for state in states])``.
+        """
+        _, infos = self.reset(seed=[state.seed for state in states])
+        for number, state in enumerate(states):
+            self.batch.put(number, state.sites, state.round, state.notes)
+            self._over[number] = not state.agents
+        self.batch.observe()
+        return self._observations(), infos
 
     def sites(self, environment: int) -> list[Site]:
         """Return the site of each module of an environment, by number."""
