@@ -125,11 +125,12 @@ def test_progress_is_rewarded_by_module() -> None:
     nearer = relative_layout(scene_from_spec(spec).system).parts["nearer"]
     random, gained = np.random.default_rng(0), set[float]()
     for _ in range(20):
-        actions = random.integers(0, 5, env.num_envs)  # some of them are not legal
+        actions: Any = random.integers(0, 5, env.num_envs)  # some of them are not legal
+        rows: Any
         rows, rewards, over, infos = env.step(actions)
         _, shared, *_ = plain.step(actions)
         after = rows.copy()
-        for row in np.flatnonzero(over):
+        for row in np.flatnonzero(over).tolist():
             after[row] = infos[row]["terminal_observation"]
         for row, action in enumerate(actions.tolist()):
             way = slice(1, nearer.start)
