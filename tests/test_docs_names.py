@@ -16,6 +16,7 @@ NOT_OURS = frozenset(
     [
         "concurrent",
         "crossing",
+        "Disabled",
         "dock",
         "f9c",
         "futures",

@@ -18,19 +18,19 @@ from cubepath.coordinator import run
 from cubepath.protocol import scene_from_spec
 
 SCENES = "agv-labelled:graph=grid8x8,n=8,seed={}"
-TRAINING, TEST = range(1001, 1065), range(1, 51)
+TRAINING, TEST = 1001, range(1, 51)
 HORIZON = 64
 
 
 def learn(file: Path, steps: int) -> None:
     """Learn one policy for all modules, from what each sees, and write it to a file.
 
-    Vehicles start and end elsewhere in each training scene. A module gets 0.2 for a move that leads
-    nearer to its goal and -0.2 for one that leads away, in addition to what all share.
+    A module gets 0.2 for a move that leads nearer to its goal and -0.2 for one that leads away, in
+    addition to the reward that all share.
     """
     torch.set_num_threads(1)  # the network is small: more threads only wait for each other
-    scenes = [SCENES.format(seed) for seed in TRAINING]
-    env = sb3_env(scenes, max_cycles=HORIZON, progress=0.2)
+    scene = SCENES.format(TRAINING)
+    env = sb3_env(scene, num_envs=64, max_cycles=HORIZON, progress=0.2)
     model = MaskablePPO(
         "MlpPolicy",
         env,

@@ -151,6 +151,7 @@ def turns(env: Any, count: int, seed: int) -> list[str]:
 def test_a_copy_in_turns_continues_bit_for_bit(scheduler: str) -> None:
     """Under both clocks, in the middle of a round, with what is shown late."""
     given: Any = {"scheduler": scheduler, "lag": 2, "note_length": 1}
+    env: Any
     for env in (
         in_turns(SPECS[0], max_cycles=9),
         in_turns(SPECS[0], max_cycles=9, clock="free", **given),

@@ -191,8 +191,8 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
 
     def __deepcopy__(self, memo: object) -> Self:
         """Return another environment that is where this one is; the scene is shared."""
-        (_, *others), given = self._ezpickle_args, self._ezpickle_kwargs
-        found = type(self)(self.scene, *others, **given)
+        given: dict[str, Any] = self._ezpickle_kwargs
+        found = type(self)(self.scene, **given)
         found.max_cycles, found.render_mode = self.max_cycles, self.render_mode
         if self._world is not None:
             found.set_state(self.get_state())

@@ -244,7 +244,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
         shared = self.scene, self.scene.system, self._shown
         memo.update({id(each): each for each in shared})
         found = type(self).__new__(type(self))
-        vars(found).update(deepcopy(vars(self), memo))
+        found.__dict__.update(deepcopy(self.__dict__, memo))
         return found
 
     def _make_scheduler(self, seed: int) -> Scheduler:

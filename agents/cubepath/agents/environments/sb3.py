@@ -5,7 +5,6 @@ The library is an extra, ``pip install 'cubepath[learning]'``, imported when nee
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def sb3_env(
-    system: str | Scene | Sequence[str | Scene] = "hex",
+    system: str | Scene = "hex",
     *,
     num_envs: int = 1,
     max_cycles: int = 500,
@@ -51,12 +50,11 @@ def sb3_env(
     >>> env.num_envs, env.reset().shape, sb3_rule("learned", model).name
     (16, (16, 27), 'learned')
 
-    Args: system: a system by name or file as on the command line, or a scene, or several with as
-        many modules, observations and actions. num_envs: how many environments of each.
-        max_cycles: an episode is truncated after this many rounds. observation: "relative",
-        float32 between -1 and 1, or "absolute", int32. progress: what a module gets in addition
-        for a move that leads nearer to its nearest known goal, and loses for one that leads away;
-        the relative observations' entries ``nearer`` say which.
+    Args: system: a system by name or file as on the command line, or a scene. num_envs: how many
+        environments. max_cycles: an episode is truncated after this many rounds. observation:
+        "relative", float32 between -1 and 1, or "absolute", int32. progress: what a module gets in
+        addition for a move that leads nearer to its nearest known goal, and loses for one that
+        leads away; the entries ``nearer`` of relative observations say which.
 
     `action_masks`, as `MaskablePPO` asks for it, is bool of shape (rows, moves + 1). The reward is
     that of PettingZoo, the same for all modules of an environment, and `progress`; they end
@@ -72,26 +70,20 @@ def sb3_env(
         raise InputError(
             "sb3_env takes Stable-Baselines3: pip install 'cubepath[learning]'"
         ) from None
-    given = [system] if isinstance(system, str | Scene) else system
-    envs = [
-        CubepathVectorEnv(
-            each,
-            num_envs=num_envs,
-            max_cycles=max_cycles,
-            observation=observation,
-            autoreset_mode="SameStep",
-        )
-        for each in given
-    ]
-    if len({str(each.single_observation_space) for each in envs}) != 1:
-        raise InputError("sb3_env: expected one or more scenes with observations of one shape")
-    scene = envs[0].scene
+    env = CubepathVectorEnv(
+        system,
+        num_envs=num_envs,
+        max_cycles=max_cycles,
+        observation=observation,
+        autoreset_mode="SameStep",
+    )
+    scene = env.scene
     if progress and (observation != "relative" or relative_layout(scene.system).sites is None):
         raise InputError(f"progress={progress}: expected relative observations with a part nearer")
     space = ObservationEncoder(scene, observation).space(0)["observation"]
     if not isinstance(space, spaces.Box):
         raise TypeError("an observation is a box of numbers")
-    return ModulesVecEnv(envs, space, progress)
+    return ModulesVecEnv(env, space, progress)
 
 
 def sb3_save(model: Any, path: str | Path) -> None:

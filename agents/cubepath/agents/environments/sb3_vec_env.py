@@ -6,7 +6,6 @@ sb3-contrib's `MaskablePPO` (https://sb3-contrib.readthedocs.io).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -24,26 +23,25 @@ Flags = NDArray[np.bool_]
 
 
 class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
-    """Environments of scenes for Stable-Baselines3; `sb3_env` makes and documents it."""
+    """Environments of one scene for Stable-Baselines3; `sb3_env` makes and documents it."""
 
     _seeds: list[int | None]
     """The seed of each row's next reset."""
 
     def __init__(
-        self, envs: Sequence[CubepathVectorEnv], observation_space: spaces.Box, progress: float
+        self, env: CubepathVectorEnv, observation_space: spaces.Box, progress: float
     ) -> None:
-        """Take over environments, the same number of each scene, and what one module sees."""
-        scene = envs[0].scene
+        """Take over environments that reset in the same step, and what one module sees."""
+        scene = env.scene
         self.modules = len(scene.start)
         """How many rows belong to one environment."""
-        self._envs, self._progress = envs, progress
+        self._env, self._progress = env, progress
         self._nearer = relative_layout(scene.system).parts["nearer"]
-        shape, actions = (len(envs), envs[0].num_envs, self.modules), scene.system.move_slots + 1
-        self._seen = np.zeros((*shape, *observation_space.shape), observation_space.dtype)
-        self._mask = np.ones((*shape, actions), np.bool_)
+        rows, actions = env.num_envs * self.modules, scene.system.move_slots + 1
+        self._mask = np.ones((rows, actions), np.bool_)
+        self._seen: NDArray[Any] | None = None
         self._actions: NDArray[np.int64] | None = None
-        self._begun = False
-        super().__init__(math.prod(shape), observation_space, spaces.Discrete(actions))
+        super().__init__(rows, observation_space, spaces.Discrete(actions))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Give environment i the seed ``seed + i`` at the next reset; None draws one."""
@@ -56,67 +54,47 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
     def reset(self) -> NDArray[Any]:
         """Begin a new episode in every environment."""
-        seeds = self._seeds[:: self.modules]
-        if not self._begun:
-            seeds = [number if seed is None else seed for number, seed in enumerate(seeds)]
-        for place, env in enumerate(self._envs):
-            first = place * env.num_envs
-            seen, infos = env.reset(seed=seeds[first : first + env.num_envs])
-            self._keep(place, seen)
-            for number, seed in enumerate(infos["seed"].tolist()):
-                self._note_seed(place, number, seed)
-        self._begun = True
+        seen, infos = self._env.reset(seed=self._seeds[:: self.modules])
         self._reset_seeds()
         self._reset_options()
-        return self._rows()
+        self.reset_infos = [{"seed": seed} for seed in infos["seed"].repeat(self.modules).tolist()]
+        return self._rows(seen)
 
-    def _keep(self, place: int, seen: Arrays) -> None:
-        self._seen[place], self._mask[place] = seen["observation"], seen["action_mask"]
-
-    def _note_seed(self, place: int, number: int, seed: int) -> range:
-        """Keep the seed of an episode that began; return the rows of its modules."""
-        first = (place * self._envs[0].num_envs + number) * self.modules
-        rows = range(first, first + self.modules)
-        for row in rows:
-            self.reset_infos[row] = {"seed": seed}
-        return rows
-
-    def _rows(self) -> NDArray[Any]:
-        return self._seen.reshape(self.num_envs, -1).copy()
+    def _rows(self, seen: Arrays) -> NDArray[Any]:
+        self._mask = seen["action_mask"].reshape(self.num_envs, -1).astype(np.bool_)
+        self._seen = seen["observation"].reshape(self.num_envs, -1)
+        return self._seen.copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the action of each row."""
-        self._actions = np.asarray(actions, np.int64).reshape(self._mask.shape[:-1])
+        self._actions = np.asarray(actions, np.int64).reshape(-1, self.modules)
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], Flags, list[dict[str, Any]]]:
         """Play a round; environments whose episode is over begin the next one at once."""
-        if self._actions is None or not self._begun:
+        if self._actions is None or self._seen is None:
             raise InputError("the environments have not been reset yet: call reset first")
-        rewards = np.zeros(self._actions.shape, np.float32)
-        over = np.zeros(self._actions.shape, np.bool_)
+        seen, shared, reached, late, found = self._env.step(self._actions)
+        rewards = np.repeat(shared, self.modules).astype(np.float32)
+        if self._progress:
+            slots = self._actions.reshape(-1, 1) - 1
+            nearer = np.take_along_axis(self._seen[:, self._nearer], slots, 1).ravel()
+            made = self._env.batch.outcomes.ravel() == GRANTED
+            rewards += self._progress * nearer * made
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for place, (env, actions) in enumerate(zip(self._envs, self._actions, strict=True)):
-            seen, shared, reached, late, found = env.step(actions)
-            rewards[place] = shared[:, np.newaxis]
-            if self._progress:
-                nearer = self._seen[place][:, :, self._nearer]
-                made = np.take_along_axis(nearer, actions[:, :, np.newaxis] - 1, 2)[:, :, 0]
-                rewards[place] += self._progress * made * (env.batch.outcomes == GRANTED)
-            self._keep(place, seen)
-            over[place] = (reached | late)[:, np.newaxis]
-            for number in np.flatnonzero(reached | late).tolist():
-                rows = self._note_seed(place, number, int(found["seed"][number]))
-                for row, last in zip(rows, found["final_obs"]["observation"][number], strict=True):
-                    infos[row] = {
-                        "terminal_observation": last,
-                        "TimeLimit.truncated": bool(late[number]),
-                        "is_success": bool(reached[number]),
-                    }
-        return self._rows(), rewards.ravel(), over.ravel(), infos
+        over = np.repeat(reached | late, self.modules)
+        for row in np.flatnonzero(over).tolist():
+            number, module = divmod(row, self.modules)
+            self.reset_infos[row] = {"seed": int(found["seed"][number])}
+            infos[row] = {
+                "terminal_observation": found["final_obs"]["observation"][number, module],
+                "TimeLimit.truncated": bool(late[number]),
+                "is_success": bool(reached[number]),
+            }
+        return self._rows(seen), rewards, over, infos
 
     def action_masks(self) -> Flags:
         """Return which actions of each row are legal, bool of shape (rows, actions)."""
-        return self._mask.reshape(self.num_envs, -1).copy()
+        return self._mask.copy()
 
     def env_method(
         self,
@@ -128,7 +106,7 @@ class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         """Call `action_masks`, the one method that a row has by itself."""
         if method_name != "action_masks" or method_args or method_kwargs:
             raise AttributeError(f"a module has no method {method_name!r}, only 'action_masks'")
-        return list(self.action_masks()[self._get_indices(indices)])
+        return [self._mask[row].copy() for row in self._get_indices(indices)]
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
         """Return what all rows have in common: ``render_mode``, None, and `action_masks`."""
