@@ -110,7 +110,7 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
     lines = []
     kinds = {without_size(row["system"]): row for row in sorted(rows, key=_modules)}
     for kind in dict.fromkeys(without_size(row["system"]) for row in rows):
-        system, rule = kinds[kind]["system"], kinds[kind]["rule"]
+        system = kinds[kind]["system"]
         if system in chance:
             continue
         both = [by_setting.get((system, hesitate), []) for hesitate in (0.0, 0.5)]
@@ -119,8 +119,8 @@ def price_tables(rows: Sequence[Row]) -> dict[str, str]:
             for played, name in zip((both[0], *both), ("class", "timing", "timing"), strict=True)
         ]
         one = next((row[FACTORS[2]] for each in both for row in each), None)
-        lines.append([f"`{system}`", f"`{rule}`", optimum_shown(best[system]), one, *lost])
-    names = ["system", "by", "optimum", "rule", "class, h 0", "timing, h 0", "timing, h ½"]
+        lines.append([f"`{system}`", optimum_shown(best[system]), one, *lost])
+    names = ["system", "optimum", "rule", "class, h 0", "timing, h 0", "timing, h ½"]
     return {"rules": markdown(names, lines)}
 
 
