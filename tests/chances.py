@@ -1,7 +1,5 @@
 """Whether what was counted is what chance would give: Pearson's chi-square test."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import sqrt
 

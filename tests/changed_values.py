@@ -7,8 +7,6 @@ verifies them in memory, with their rules asked again. Anything that is raised b
 counts what passed every check, by the value that was changed.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import signal

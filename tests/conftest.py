@@ -8,8 +8,6 @@ compile all of cubepath anew, which takes as long as all else that it does; so t
 Nor do they inherit that an interrupt is ignored, as it is where tests run in the background.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

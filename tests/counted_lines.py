@@ -1,7 +1,5 @@
 """How much work a call does, in lines of Python that it runs: a clock is not that exact."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from types import FrameType

@@ -1,7 +1,5 @@
 """What the faces offer and which modules there are, read without importing anything."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Structs with a value other than its default in each field, made from the types of the fields."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from itertools import count

@@ -3,8 +3,6 @@
 ``python tests/findings.py`` writes them. docs/findings.md names the commands that make the rows.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ each time: what its processes say depends on when each of them acts. Some figure
 in docs and examples: run `tests/test_docs.py` and `tests/test_examples.py` afterwards.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Parameters of which a few are tried every time, and the others when there is time."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from typing import Any
 

@@ -7,8 +7,6 @@ Lines are those of files as they stand, comments and blank lines included. The c
 ``--help`` shows; what a command imports is what is loaded in its own process when it ends.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import contextlib

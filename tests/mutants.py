@@ -7,8 +7,6 @@ removed behind it: temporary files, examples of hypothesis, machine code of numb
 derived from the tests alone, so that a mutant has the same fate each time.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import resource

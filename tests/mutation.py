@@ -18,8 +18,6 @@ With ``--seeds N`` the files are those of `SIMULATED`. Before the tests the simu
 from 0 on, N at most, until one fails; the report says how many that took.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

@@ -5,8 +5,6 @@ imports, blocks for type checkers, decorators, texts, and what an error says. An
 something cannot happen is not taken out either, and a zip stays strict.
 """
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from collections.abc import Callable, Iterator

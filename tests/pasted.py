@@ -18,8 +18,6 @@ imports. Such a block may set variables, as in ``LOG=run.mcap``, and have severa
 Times and names of logs are not compared, and ``...`` stands for any text.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -7,8 +7,6 @@ gap, so many more of SAT solvers (`--prove`, which takes the extra `proofs`) hav
 that is proved does not depend on the time that it took; one that is not can be better with more.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@
 into docs/studies, the picture beside it, and the tables into the page, between marks.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -1,7 +1,5 @@
 """The import contracts of pyproject.toml: all are kept, and each is seen to be broken."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """What the README and the docs show is true: every block runs, or is what comes of running one."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The systems of the page on files load, and what it says of its moves is so."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every name in backticks in the docs is one of the program; none is left of what was renamed."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What the three large faces offer is shown by an example; every example of the project holds."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect

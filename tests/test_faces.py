@@ -1,7 +1,5 @@
 """The faces of the rooms: what they offer, that it is there, and that it costs nothing to ask."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.metadata

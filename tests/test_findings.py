@@ -1,7 +1,5 @@
 """The findings: the page says what its rows say, and small rows come out again in two ways."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """A system of another distribution goes through every command, by what its class says of itself."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

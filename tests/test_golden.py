@@ -1,7 +1,5 @@
 """Golden recordings: readable, right, and what runs of today say; `golden.py` makes them anew."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

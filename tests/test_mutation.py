@@ -1,7 +1,5 @@
 """The mutation tester: what it changes, what it leaves alone, and what it says of a sample."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Nobody outside a system's own file asks which class, kind or name a system is."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A path may be text: wherever a function on the three large faces takes a path."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

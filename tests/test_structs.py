@@ -1,7 +1,5 @@
 """Every struct that becomes JSON: no field is lost, or read by a name that it does not have."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

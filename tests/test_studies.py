@@ -1,7 +1,5 @@
 """The studies: what their page says is what their rows say, and the rows come out again."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -6,8 +6,6 @@ Each answer is the exit code and the one line on standard error. The commands ru
 which they leave nothing and print nothing to standard output.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -9,8 +9,6 @@ so that partners lie up to the whole path apart; ``readers`` are moves that all 
 Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from fractions import Fraction

@@ -4,8 +4,6 @@ Floor: one compiled pass over the arrays that were built, reading every face onc
 enumeration of tests/oracles/complexes.py stands beside it as far as it goes in a few seconds.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -7,8 +7,6 @@ total variation from the exact shares of rounds, up to symmetry: computed, and i
 keeper that decides on the wire, with a 95% interval; and the share of attempts that it refused.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -7,8 +7,6 @@ over the same supports that touches each site once in a dict. The path of moves 
 move each, and its cubes are its normal form. Nothing is asserted but that the check holds.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from functools import partial

@@ -11,8 +11,6 @@ bytes a part of both. The growth exponent is the slope of log time of ``other`` 
 against the row before; linear is 1. Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

@@ -11,8 +11,6 @@ whose battle is stepped with random actions, or pogema, in free space; each by a
 pogema needs one of its own, since it pins old packages. Batches are of environments of one scene.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import math

@@ -14,8 +14,6 @@ Below, the greatest memory that Python took, in MB, measured by itself: what gro
 recording would show. Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

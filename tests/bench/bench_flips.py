@@ -9,8 +9,6 @@ second one is about listing flips: all that two fans, or two sweeps, can meet in
 either end, and the microseconds that each of them takes.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import time

@@ -6,8 +6,6 @@ clock on record, medians over several seeds. Run on a machine that does nothing 
     python tests/bench/bench_free.py [--seeds N] [--quick]
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import tempfile

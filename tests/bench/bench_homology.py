@@ -8,8 +8,6 @@ by code of its own. The floor, measured in the same run, is one numpy sum over a
 compiler's time, spent once after an installation, is not in it. Times are medians of three runs.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

@@ -10,8 +10,6 @@ bound is met, the path is as short as any; elsewhere ``--prove`` goes on, and th
 have what it finds and proves, or what is left open.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Iterator

@@ -10,8 +10,6 @@ run. The growth exponent is the slope of log time over log messages against the 
 is 1. Medians of several; nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -11,8 +11,6 @@ writes its results. Then `info` and `verify` of the
 recording, each in a process of its own: real time, and the most that was resident.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

@@ -18,8 +18,6 @@ is the reference over actions, which are built for it beforehand), bounds, cubes
 `.npz`, that read again (*load*), and moves as lines.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

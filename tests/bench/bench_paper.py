@@ -7,8 +7,6 @@ long it takes to derive who can obstruct whom on a lattice, as the catalogue gro
 moves placed wherever they might meet, and asked whether they commute.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

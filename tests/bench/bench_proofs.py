@@ -7,8 +7,6 @@ counted. ``find`` is CaDiCaL alone, handing over the clauses included, and ``ver
 following the log. Nothing is asserted but that the proof holds.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time

@@ -5,8 +5,6 @@ and the refutation of one round less than the optimum: seconds to build its clau
 alone, their ratio, and sizes. Compiling is not counted.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time

@@ -9,8 +9,6 @@ receiving process, without its start. Then as fast as it goes, over numbers of m
 several, by turns; `ratio` is recorded over counted. Nothing is asserted but that nothing is lost.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -14,8 +14,6 @@ own, in bytes a part. The last columns are of the audit: the growth exponent is 
 time over log parts against the row before; linear is 1. Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -16,8 +16,6 @@ again, in later rounds. The growth exponent is the slope of log time over log me
 row before: of a seek it should be near 0. Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

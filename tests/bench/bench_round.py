@@ -13,8 +13,6 @@ the first time that this run is gathered, when some of its actions are new, and 
 a look-up in a plain dictionary by generator and place.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import multiprocessing as mp

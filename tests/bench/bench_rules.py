@@ -8,8 +8,6 @@ the arrays. All rates are of processor time, the medians of several spans, after
 time to make the actors of all environments is beside them.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

@@ -15,8 +15,6 @@ All actions have supports of 8 sites and write 2 of them, like a pivoting hexago
 - *read hub*: as the ring, but 6 of 7 actions read one common site, and one move in 1000 writes it.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from collections.abc import Callable

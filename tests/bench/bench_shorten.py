@@ -9,8 +9,6 @@ The growth exponent is the slope of log time over log moves against the row befo
 Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import math

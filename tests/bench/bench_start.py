@@ -10,8 +10,6 @@ time on the clock. Whether numba was imported or compiled anything shows in the 
 the first command left in the caches.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

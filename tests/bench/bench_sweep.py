@@ -5,8 +5,6 @@ is what a user waits for, in processes of their own; with ``--cold`` nothing is 
 that it has the compiler in it.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import statistics

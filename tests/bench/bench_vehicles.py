@@ -11,8 +11,6 @@ optimizer and with it, and their lower bound.
 ``--write FILE`` writes the crowd as a scenario, for `cubepath improve FILE --seconds 60`.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

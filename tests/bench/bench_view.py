@@ -11,8 +11,6 @@ search for the normal cube path. Targets: a median frame of at most 33 ms at 10,
 100 ms at 100,000, and at most 2 MB besides the data.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -15,8 +15,6 @@ Below, what a round costs where rounds are small: microseconds and bytes a round
 bytes more than bare a file has its rounds safe. Nothing is asserted.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

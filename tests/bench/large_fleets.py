@@ -7,8 +7,6 @@ machine makes the same fleet. Nobody enters a cell in the round in which it was 
 rounds are cubes, and every order of the moves of a round is admissible.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

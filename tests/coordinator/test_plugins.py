@@ -1,7 +1,5 @@
 """The table by which the core loads `theory` and `tools`, and by which commands are found."""
 
-from __future__ import annotations
-
 import ast
 
 import pytest

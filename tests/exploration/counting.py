@@ -1,7 +1,5 @@
 """A small protocol for the simulated wire: a counter and workers that count together."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from cubepath.coordinator.simulation.faults import SECOND_US, Faults

@@ -18,8 +18,6 @@ Three things make it smaller without leaving anything out:
 - A state after a fault is not explored if it was explored with all faults still to come.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias

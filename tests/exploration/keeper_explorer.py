@@ -17,8 +17,6 @@ What makes it smaller:
   that were reached from there. Where it does not hold, all is explored again without it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial

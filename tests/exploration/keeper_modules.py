@@ -5,8 +5,6 @@ may hold asks the keepers of what it senses, one after the other in increasing o
 attempt or not; it may give up at any moment, and lets go of what its attempt does not end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 

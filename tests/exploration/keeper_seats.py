@@ -5,8 +5,6 @@ came back from its journal. Since a keeper comes back record by record, what eit
 on is the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass

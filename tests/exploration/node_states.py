@@ -5,8 +5,6 @@ attributes of nodes, modules and rules, what rules keep in closures, random stre
 known to be constant nor known to be mutable is refused, so that nothing is forgotten.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Nodes of module processes with a bug each, which the simulator must find."""
 
-from __future__ import annotations
-
 import msgspec
 
 from cubepath.agents.processes.config import ProcessConfig

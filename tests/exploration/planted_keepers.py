@@ -1,7 +1,5 @@
 """Keepers with a bug each, which the simulator must find."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Lattice cells, read back from sites, which may be anything hashable."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from cubepath.protocol.core.sites import Site

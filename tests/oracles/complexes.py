@@ -1,7 +1,5 @@
 """The obvious enumeration of small state and shape complexes, to count what the paper counts."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute

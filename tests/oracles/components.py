@@ -1,7 +1,5 @@
 """Where one never comes away from in a graph: for explorations in tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 

@@ -1,7 +1,5 @@
 """Vehicles on small grids, and the fewest rounds in which they may follow, by exhaustive search."""
 
-from __future__ import annotations
-
 from itertools import product
 from random import Random
 

@@ -4,8 +4,6 @@ It shares no code with cubepath and is as plain as the page: sets of sites, one 
 definition, and unit propagation over lists. So it is slow, and right where the page is.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

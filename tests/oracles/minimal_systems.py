@@ -3,8 +3,6 @@
 It shares no code with cubepath: every move is built from the page alone.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable

@@ -1,7 +1,5 @@
 """The normal cube path of an edge path in the obvious way, which heaps are compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from cubepath.protocol.core.actions import Action, commute

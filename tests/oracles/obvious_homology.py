@@ -3,8 +3,6 @@
 Shares nothing with the fast way but the format of the complex and python-flint.
 """
 
-from __future__ import annotations
-
 from flint import fmpz_mat, nmod_mat
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex

@@ -4,8 +4,6 @@ Here sites, moves and times stay what they are, in dictionaries, and every defin
 Nothing is shared with the checker, or with the code that makes proofs.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence

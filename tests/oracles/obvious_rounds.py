@@ -4,8 +4,6 @@ It shares `commute` and the catalogue with what it is held against, and nothing 
 wins, where modules end and what they have been told are worked out anew, over all claims at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from cubepath.protocol.core.actions import commute

@@ -1,7 +1,5 @@
 """Compiled functions in plain Python and compiled, and the border between the two."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """The obvious triangulations of a point set, by code that shares nothing with the project's."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 

@@ -7,8 +7,6 @@ step in a direction, or busy in vain: it drew nothing, or a cell of its support 
 and it will be refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

@@ -4,8 +4,6 @@ A pair of states comes from random walks. What is asked about it is whether a pa
 exists: by clauses, and by breadth-first search, which know nothing of each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from random import Random
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Products, disjoint unions, subcomplexes and gluings of any cubes of one dimensio
 reach cubes that are glued to themselves; and the state complex of a scene, cube by cube.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

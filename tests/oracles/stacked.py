@@ -1,7 +1,5 @@
 """Environments of one scene with their actors, and what their modules see stacked in arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The compiled world beside the plain one, held together step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Random plans of vehicles in rounds, and the obvious ways to judge and to time them."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 from fractions import Fraction

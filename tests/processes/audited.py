@@ -4,8 +4,6 @@ Run as a script it carries out the commands that it is told on standard input. A
 down what that process opens, and so do those that it starts.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """The command line, in this process or in its own with the standard streams that a test gives."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

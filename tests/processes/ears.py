@@ -1,7 +1,5 @@
 """Who listens at a router: everything that is heard, and whether anybody does."""
 
-from __future__ import annotations
-
 import time
 from queue import Empty, SimpleQueue
 

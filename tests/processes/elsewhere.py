@@ -1,7 +1,5 @@
 """Commands of cubepath side by side, and waiting for what comes of them."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Whether a process exists."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from pathlib import Path

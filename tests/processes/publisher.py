@@ -5,8 +5,6 @@ many messages of one process, says on standard output how many of them and how l
 ends when its standard input does.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Any, cast

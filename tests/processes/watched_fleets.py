@@ -1,7 +1,5 @@
 """A fleet without rounds that begins and is listened to as a test says; see also testing.rig."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

@@ -1,7 +1,5 @@
 """Pages of runs for tests: scenes of every kind of system, and what is true of runs in them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Compiled functions: kept on disk where they can be, and working where they cannot."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

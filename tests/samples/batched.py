@@ -1,7 +1,5 @@
 """Batches by phase and region, made of what modules say, and found in recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Literal, cast
 

@@ -1,7 +1,5 @@
 """Shapes as the compression chain sees them: their exact shares, and what a sample shows."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain

@@ -4,8 +4,6 @@ What is put is heard by all who listen, in order. Before each message an intrude
 what it likes.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from random import Random

@@ -1,7 +1,5 @@
 """Messages of a run without rounds with the numbers that their senders give them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cubepath.protocol.wire.free_messages import (

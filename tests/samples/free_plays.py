@@ -1,7 +1,5 @@
 """Scenes without rounds, for the tests of several rooms: who acts when, and how late it sees."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

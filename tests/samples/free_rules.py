@@ -1,7 +1,5 @@
 """A rule for runs without rounds in tests: random moves with guards, registers and exchanges."""
 
-from __future__ import annotations
-
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
 

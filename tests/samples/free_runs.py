@@ -4,8 +4,6 @@ Modules are driven here as plainly as possible, with the rule of `free_rules`; k
 ones. What comes out are the messages as a recorder would write them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache

@@ -1,7 +1,5 @@
 """Scenes of a few listed moves: by hand, or any that hypothesis draws."""
 
-from __future__ import annotations
-
 from hypothesis import strategies as st
 
 from cubepath.protocol.core.actions import Action

@@ -4,8 +4,6 @@ A family that only starts elsewhere with the moves of an earlier one is not amon
 without a goal: its runs do not end, and it has tests of its own.
 """
 
-from __future__ import annotations
-
 from cubepath.protocol.core.catalogue import Generator
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -1,7 +1,5 @@
 """Long runs without zenoh: modules in one process, and what a coordinator would put on record."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A rule without memory that notes, so that it can begin anywhere and do the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from hashlib import sha256
 

@@ -1,7 +1,5 @@
 """Plans of other programs for tests: a path of moves, written as each of the formats has it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from itertools import pairwise

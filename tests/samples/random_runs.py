@@ -1,7 +1,5 @@
 """Runs of modules that move at random: the scene, the moves, and where modules were."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cubepath.agents.environments.world import World

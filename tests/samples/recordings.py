@@ -1,7 +1,5 @@
 """Real recordings, small and made once a session, and ways to tamper with them."""
 
-from __future__ import annotations
-
 import atexit
 from collections.abc import Callable, Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A rule for runs without rounds that uses all there is: moves, guards, registers, exchanges."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cubepath.agents.local.observation import STAY, View

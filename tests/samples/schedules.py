@@ -1,7 +1,5 @@
 """Schedules carried out by real modules: recordings to carry out, and scenes that have changed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Short runs of three modules, for the explorer; and what comes of them in one process."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ With cubepath installed: ``python tests/samples/slow_module.py [--seeds 10] [--s
 the figures of docs/free-clock.md.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager, nullcontext

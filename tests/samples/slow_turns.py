@@ -1,7 +1,5 @@
 """Runs of `compression` without rounds, in which turns take time."""
 
-from __future__ import annotations
-
 import random
 from heapq import heapify, heappop, heappush
 

@@ -4,8 +4,6 @@ A word is a list of actions read as an edge path. Abstract actions know no state
 word that is admissible from the start of a scene.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from random import Random

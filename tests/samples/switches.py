@@ -5,8 +5,6 @@ installed beside the project by the tests of foreign systems. Switch i may flip 
 is off; so neighbours never flip at one time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, pi, sin
 from typing import Any, ClassVar, Self

@@ -1,7 +1,5 @@
 """Runs to be compared: played without zenoh, and with a rule that deviates at one known place."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache

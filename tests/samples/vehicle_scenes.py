@@ -1,7 +1,5 @@
 """Vehicles on small graphs, for the tests of rules: with goals of their own, or shared ones."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from itertools import pairwise

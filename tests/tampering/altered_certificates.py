@@ -1,7 +1,5 @@
 """Certificates with something changed in them: by hand, with what is said of it, and at random."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 

@@ -1,7 +1,5 @@
 """Recordings to damage: what is in them, and what must hold whatever is done to them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache

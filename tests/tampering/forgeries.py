@@ -1,7 +1,5 @@
 """Recordings of both clocks that were forged, by what `forgeries.md` calls the forgery."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace

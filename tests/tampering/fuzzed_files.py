@@ -1,7 +1,5 @@
 """Files that users give, changed in every way: each is read, or refused in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from io import BytesIO

@@ -3,8 +3,6 @@
 All of it follows from a `Random`, so a failing input is made again by its seed.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

@@ -1,7 +1,5 @@
 """Recordings that were tampered with, each in one way, and the checks that must find it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 from typing import Any

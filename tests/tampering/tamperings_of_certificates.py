@@ -1,7 +1,5 @@
 """Recordings whose certificate was tampered with."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

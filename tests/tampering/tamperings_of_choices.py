@@ -4,8 +4,6 @@ Most are real runs of modules that follow a rule that lies: what they do fits to
 asking the true rule again shows it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace as with_fields

@@ -1,7 +1,5 @@
 """Recordings whose results were tampered with: edges, cubes, and the summary."""
 
-from __future__ import annotations
-
 from dataclasses import replace as with_fields
 from typing import Any
 

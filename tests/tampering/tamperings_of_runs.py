@@ -1,7 +1,5 @@
 """Recordings that say something wrong of the run itself: its parameters, its pace, its end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 from typing import Any

@@ -1,7 +1,5 @@
 """Recordings of schedules that were tampered with: what was carried out, and where it stopped."""
 
-from __future__ import annotations
-
 from dataclasses import replace as with_fields
 from typing import Any
 

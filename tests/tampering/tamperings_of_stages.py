@@ -1,7 +1,5 @@
 """Recordings that go on from another one, tampered with: who followed which rule from when on."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace as with_fields

@@ -1,7 +1,5 @@
 """Recordings wrecked at random, and what must come of them, by a reader of the obvious kind."""
 
-from __future__ import annotations
-
 import random
 import struct
 from dataclasses import dataclass

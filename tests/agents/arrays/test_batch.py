@@ -1,7 +1,5 @@
 """The compiled world is the plain one, step by step, for any system and any number of scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is compiled beforehand is what worlds need, and nothing is compiled twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

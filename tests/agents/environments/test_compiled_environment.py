@@ -1,7 +1,5 @@
 """The environment in compiled code gives what the plain one gives, and takes over from it."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

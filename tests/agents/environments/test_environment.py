@@ -1,7 +1,5 @@
 """The PettingZoo environments keep PettingZoo's contract, for every system."""
 
-from __future__ import annotations
-
 import gc
 import pickle
 import subprocess

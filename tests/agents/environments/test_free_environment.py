@@ -1,7 +1,5 @@
 """The environment without rounds: PettingZoo's contract, who acts when, and what is seen late."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import groupby
 from typing import Any

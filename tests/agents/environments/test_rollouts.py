@@ -1,7 +1,5 @@
 """Many runs side by side are those of one after another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Without the libraries for learning, one line says what to install."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Relative observations are the same in every environment and for rules; PettingZoo takes them."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 from functools import partial

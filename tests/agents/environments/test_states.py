@@ -1,7 +1,5 @@
 """States of an environment: what is put back, or copied, continues bit for bit."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from typing import Any

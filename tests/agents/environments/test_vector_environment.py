@@ -1,7 +1,5 @@
 """Vector environments are as many environments side by side, and end as Gymnasium has it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

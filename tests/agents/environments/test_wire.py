@@ -1,7 +1,5 @@
 """On the wire: real processes over zenoh do what the environment in one process does."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

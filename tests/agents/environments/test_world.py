@@ -1,7 +1,5 @@
 """The world in one process: what it makes of actions, and what it holds."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.agents.environments.world import World

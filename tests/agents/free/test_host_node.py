@@ -1,7 +1,5 @@
 """A module and what it is told: of its own attempt, and of those of earlier epochs."""
 
-from __future__ import annotations
-
 from cubepath.agents.free.config import HALT_S, FreeProcessConfig
 from cubepath.agents.free.host_node import TICK_S_MAX, FreeHostNode
 from cubepath.agents.keepers.journal import MemoryJournal

@@ -1,7 +1,5 @@
 """Incarnations of a folder of keepers' logs: later each time, written whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """One module: what it takes for the outcome of its attempt, and what it does when fenced off."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 

@@ -1,7 +1,5 @@
 """A module that comes too late again and again holds what it senses, and lets go of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from cubepath.agents.free.mover import (

@@ -1,7 +1,5 @@
 """What a process knows of tiles: gaps, whole tiles, what is older, and what nobody needs."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from cubepath.agents.free.sensing import KEEP_S, LOOK_S, LOOK_S_MAX, NOTHING, Place, Sensing

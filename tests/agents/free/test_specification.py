@@ -1,7 +1,5 @@
 """The page of the free clock says what the code says: kinds, parts and their fields."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Places that a keeper holds for a module: who waits, who gets them, and what ends it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

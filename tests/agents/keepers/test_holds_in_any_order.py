@@ -1,7 +1,5 @@
 """Two keepers and three modules that hold, attempt and enter in any order, over a bad network."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from random import Random

@@ -1,7 +1,5 @@
 """The log of a keeper: what is read back, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

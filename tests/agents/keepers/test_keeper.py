@@ -1,7 +1,5 @@
 """Two keepers and two modules: each answer that a keeper gives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Keepers and modules in every order of messages, with any one fault of each kind."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A keeper on the wire: what it refuses, and when it ticks."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.agents.keepers.journal import MemoryJournal

@@ -1,7 +1,5 @@
 """Moves of every kind of system, one after the other through some keepers, against one state."""
 
-from __future__ import annotations
-
 from random import Random
 
 import pytest

@@ -1,7 +1,5 @@
 """Arbitration: what one module finds out of claims and verdicts, and what all of them find out."""
 
-from __future__ import annotations
-
 import ast
 import random
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The machine of one module: by messages alone it comes to what the world in one process does."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

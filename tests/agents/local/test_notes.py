@@ -1,7 +1,5 @@
 """Notes: what a module says of its rule's, and when."""
 
-from __future__ import annotations
-
 from cubepath.agents.local.module import nothing_said
 
 

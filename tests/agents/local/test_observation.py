@@ -1,7 +1,5 @@
 """Observations: what is seen is local, and reading it back loses nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import ClassVar

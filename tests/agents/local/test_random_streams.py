@@ -1,7 +1,5 @@
 """Random streams: SplitMix64 by key and index, uniform and independent, and no way to the seed."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

@@ -1,7 +1,5 @@
 """Relative observations: what each entry says, that all are bounded, local and without a place."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from collections import deque

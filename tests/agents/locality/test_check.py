@@ -1,7 +1,5 @@
 """Checking that a rule is local: our own pass, each way of cheating is found and named."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import inf
 from pathlib import Path

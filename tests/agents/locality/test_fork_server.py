@@ -1,7 +1,5 @@
 """The server that forks a process for each play: what comes of it, and that nothing is left."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from pathlib import Path

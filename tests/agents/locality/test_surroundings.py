@@ -1,7 +1,5 @@
 """Other worlds that look the same to one module: it sees in them what it saw, and they differ."""
 
-from __future__ import annotations
-
 from functools import cache
 from random import Random
 

@@ -1,7 +1,5 @@
 """Which modules each process has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from random import Random

@@ -1,7 +1,5 @@
 """Short runs of three modules in every order in which messages can arrive, also with one fault."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path

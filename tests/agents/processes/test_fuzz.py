@@ -1,7 +1,5 @@
 """Junk of every kind told to nodes: nothing is raised, nothing grows, and honest runs go on."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """Joining a run from elsewhere, over real sessions: versions that differ are refused."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Judging messages by what every process knows: each reason, and what is taken."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

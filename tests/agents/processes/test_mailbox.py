@@ -1,7 +1,5 @@
 """What a process heard and said: each message once, by phase and region, in one order."""
 
-from __future__ import annotations
-
 import random
 
 from cubepath.agents.processes.mailbox import Inbox, Outbox

@@ -1,7 +1,5 @@
 """Who joins from elsewhere: who is let in, with which number, and who is forgotten."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, strategies as st
 

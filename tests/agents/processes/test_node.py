@@ -1,7 +1,5 @@
 """The node of a module process as a pure machine: messages and ticks in, effects out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The pacing node as a pure machine: what it waits for, asks again, keeps, and says of the late."""
 
-from __future__ import annotations
-
 from itertools import permutations
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """The page of the protocol says what the code says: kinds, fields, values, reasons, the number."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

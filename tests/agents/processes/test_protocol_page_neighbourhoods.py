@@ -1,7 +1,5 @@
 """Who hears whom, by the definitions of the protocol's page, from the TOML of a scene alone."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple

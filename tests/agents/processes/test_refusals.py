@@ -1,7 +1,5 @@
 """What is refused: counted, told of once by sender and reason, and how many more there were."""
 
-from __future__ import annotations
-
 from cubepath.agents.processes.judge import Refusals, RefusedError
 from cubepath.protocol.wire.messages import Reason, Refused, encode
 from cubepath.protocol.wire.nodes import Keep

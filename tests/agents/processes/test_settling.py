@@ -1,7 +1,5 @@
 """Who has not kept to what the claims and the verdicts of a round say."""
 
-from __future__ import annotations
-
 from cubepath.agents.processes.settling import Settling
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Report

@@ -1,7 +1,5 @@
 """What never changes in a picture that moves."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.agents.rendering.pictures import still

@@ -1,7 +1,5 @@
 """Chords in text and in pixels: every diagonal is told, where it is and what it is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The legend of a picture names the marks that occur in it, and no others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

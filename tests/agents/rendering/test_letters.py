@@ -1,7 +1,5 @@
 """Letters in text and in pixels: every place shows its letter, and which the goal wants."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Pictures show every module at its place, in text and in pixels, and cost nothing at import."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

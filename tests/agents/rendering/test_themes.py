@@ -1,7 +1,5 @@
 """Pictures on dark ground can be read as well as those on light ground."""
 
-from __future__ import annotations
-
 import pytest
 from matplotlib.colors import to_rgb
 

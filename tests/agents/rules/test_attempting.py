@@ -1,7 +1,5 @@
 """What a choice asks of the keepers: what it was decided on, what it writes, and what it cannot."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pytest

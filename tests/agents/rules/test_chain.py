@@ -1,7 +1,5 @@
 """The chain rule takes every straight chain to its goal, whatever is lost, skipped or turned."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations

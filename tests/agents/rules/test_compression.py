@@ -1,7 +1,5 @@
 """The rule `compression`: its patterns, its exact kernel, and what long runs of it sample."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations, product
 from math import prod

@@ -1,7 +1,5 @@
 """The rules crossing and geodesic: every move brings its module nearer, and the goal is reached."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import islice, product
 

@@ -1,7 +1,5 @@
 """The rule chain without rounds: whoever acts when, and however late it sees, it gets there."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings, strategies as st
 

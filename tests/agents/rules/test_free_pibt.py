@@ -1,7 +1,5 @@
 """The rule pibt without rounds: the same promise as with them, and it fails in one line."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 

@@ -1,7 +1,5 @@
 """What holds of all rules without rounds, and the rules random and word."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The rule tswap without rounds: goals are never lost or doubled, each commit comes nearer."""
 
-from __future__ import annotations
-
 import random
 from itertools import pairwise
 

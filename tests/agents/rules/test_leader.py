@@ -1,7 +1,5 @@
 """The rule leader: shapes reach their goals, whatever is skipped, lost or late."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Rules that see places wrongly, or may change their notes a few times: keys of every rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The rule metropolis: any legal move, but one away from the goal only now and then."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import exp
 

@@ -1,7 +1,5 @@
 """Networks as rules: rows by themselves and together, and files of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Orders as notes: what modules know only grows, and a batch is carried out in any fair order."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings, strategies as st
 

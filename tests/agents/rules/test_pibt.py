@@ -1,7 +1,5 @@
 """The rule pibt: labelled vehicles, what it promises and how it fails."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from statistics import mean
 

@@ -1,7 +1,5 @@
 """Rules of other distributions: found by entry points, and blamed by name when they fail."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

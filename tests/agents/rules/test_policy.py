@@ -1,7 +1,5 @@
 """Policies as rules: they are given what PettingZoo gives, alone and in batches, here and there."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

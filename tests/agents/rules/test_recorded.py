@@ -1,7 +1,5 @@
 """The rule of a module that chooses again what it chose on record."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.agents.environments.world import World

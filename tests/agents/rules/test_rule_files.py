@@ -1,7 +1,5 @@
 """Rules from files: FILE.py:NAME wherever a rule is named, and one line for what is wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The rule that carries out one module's part of a schedule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

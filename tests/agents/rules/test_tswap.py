@@ -1,7 +1,5 @@
 """The rule tswap: it always gets there, and never loses or doubles a goal on the way."""
 
-from __future__ import annotations
-
 import random
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The rule tunnel: a line climbs along its channel, towards where its end says that the goal is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

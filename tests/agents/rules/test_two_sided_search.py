@@ -1,7 +1,5 @@
 """The search from both ends: it finds a path if there is one, in portions of any size."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 

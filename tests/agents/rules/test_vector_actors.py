@@ -1,7 +1,5 @@
 """All modules of many environments at once choose what the actor of each would choose."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace

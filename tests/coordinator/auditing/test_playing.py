@@ -1,7 +1,5 @@
 """Asking the rules of a recording again: what agrees, what does not, and what cannot be asked."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace as with_fields

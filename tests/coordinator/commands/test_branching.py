@@ -1,7 +1,5 @@
 """`cubepath run --from LOG --round N` and `cubepath replay LOG --modules MODULES`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command ``check-rule``: its answer in words and as a document, and its exit codes."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

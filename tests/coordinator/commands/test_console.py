@@ -1,7 +1,5 @@
 """Standard streams: an answer that nobody takes, and streams that are full or closed."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

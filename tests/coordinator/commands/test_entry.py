@@ -1,7 +1,5 @@
 """Where the command begins: an interrupt is one line from the first moment on."""
 
-from __future__ import annotations
-
 import gc
 import signal
 import sys

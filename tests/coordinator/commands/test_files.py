@@ -1,7 +1,5 @@
 """Files that commands name: standard streams, no output in the place of an input, names."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """The first use after an installation: small work neither loads numba nor waits for a compiler."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

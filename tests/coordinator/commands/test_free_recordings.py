@@ -1,7 +1,5 @@
 """Every command that takes a recording takes one of a run without rounds."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

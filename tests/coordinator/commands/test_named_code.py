@@ -1,7 +1,5 @@
 """No command runs code that an input names: a rule in a file runs only if you name the file."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

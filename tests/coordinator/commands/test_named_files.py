@@ -1,7 +1,5 @@
 """No input leads a command out of its own folder: not by a path in it, not by a link beside it."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

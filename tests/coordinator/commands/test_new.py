@@ -1,7 +1,5 @@
 """Distributions that ``cubepath new`` begins: they are whole, and hold what they are held to."""
 
-from __future__ import annotations
-
 import json
 import os
 import py_compile

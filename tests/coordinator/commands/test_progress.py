@@ -1,7 +1,5 @@
 """How far a long command has come: lines where standard error is no terminal, and not too many."""
 
-from __future__ import annotations
-
 import io
 import sys
 import threading

@@ -1,7 +1,5 @@
 """A command opens each of its inputs once, and a path falls onto a heap once."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Sequence

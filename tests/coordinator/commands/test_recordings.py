@@ -1,7 +1,5 @@
 """Several recordings in one command: files and folders, each told by itself."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

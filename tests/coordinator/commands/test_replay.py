@@ -1,7 +1,5 @@
 """``cubepath replay`` under options and under keys: a terminal that is left as it was."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """The options of `router` and `join`: what is meant, and what is refused in one line."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import nullcontext

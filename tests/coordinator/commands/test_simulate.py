@@ -1,7 +1,5 @@
 """The command ``simulate``: its answer, its exit codes, a rule that fails, and an interrupt."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

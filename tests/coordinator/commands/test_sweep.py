@@ -1,7 +1,5 @@
 """``cubepath sweep``: many runs in one command, and a line for what is wrong."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Usage errors: one line that says what was meant, with exit code 2 and nothing done."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.commands.main import main

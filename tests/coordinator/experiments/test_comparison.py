@@ -1,7 +1,5 @@
 """Comparisons: scenes pooled as replicates, sweeps that come with cubepath, published figures."""
 
-from __future__ import annotations
-
 import json
 from itertools import chain
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One run in three cores: the same path, and what is measured of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The sum of costs: the rounds up to each module's last move, the same however a run is played."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow.parquet as pq

@@ -1,7 +1,5 @@
 """The standard instances: every value is computed again, where it can be in two ways."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

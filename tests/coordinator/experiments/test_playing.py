@@ -1,7 +1,5 @@
 """What a worker plays is what was asked for, and what prevents that is no fault of the run."""
 
-from __future__ import annotations
-
 import importlib
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What runs pay for timing, class and rule: the factors multiply, and none is less than 1."""
 
-from __future__ import annotations
-
 import re
 from math import log
 from pathlib import Path

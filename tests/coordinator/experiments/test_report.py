@@ -1,7 +1,5 @@
 """Reports: what the tables say is what the rows say, and the files are whole and the same again."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

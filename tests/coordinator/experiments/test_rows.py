@@ -1,7 +1,5 @@
 """What is kept of runs: the columns are those of the page that says what they are."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is searched for in a scene is no part of what a run in it is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a rule from elsewhere follows from is part of what a run is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

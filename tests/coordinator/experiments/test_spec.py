@@ -1,7 +1,5 @@
 """Sweeps as data: what is written, in a file or on the command line, is what is expanded."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import replace

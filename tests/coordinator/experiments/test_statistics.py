@@ -1,7 +1,5 @@
 """Intervals and tests against tables, and against counting everything."""
 
-from __future__ import annotations
-
 import tracemalloc
 from itertools import product
 from math import comb

@@ -1,7 +1,5 @@
 """Sweeps played: the same rows however they are played, and nothing lost on the way."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import multiprocessing

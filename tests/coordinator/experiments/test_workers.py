@@ -1,7 +1,5 @@
 """Processes that play the runs of a sweep, and how they end."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The heap over numbers, plain and compiled: levels, pairs, room, and large paths."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Generator, Sequence
 from random import Random

@@ -1,7 +1,5 @@
 """Certificates: what is built is accepted, what is wrong is refused and named, by two checkers."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The predicates on cube paths: they say what the definitions say, and notice what is wrong."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 

@@ -3,8 +3,6 @@
 All of it holds of the reference, and of the heap of numbers in plain Python and compiled.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Unequal times: earliest starts are a timetable, no timetable is shorter, and 1 is one cube."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise, permutations

@@ -1,7 +1,5 @@
 """Replaying recordings that begin on the way, or have some messages of a run alone."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace as with_fields
 from pathlib import Path

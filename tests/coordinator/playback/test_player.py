@@ -1,7 +1,5 @@
 """A player over a real router: what listeners hear, and orders from Python and over zenoh."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections import Counter

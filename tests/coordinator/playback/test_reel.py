@@ -1,7 +1,5 @@
 """Places of a recording: found without reading what lies before, and the same as by reading all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

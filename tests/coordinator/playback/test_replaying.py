@@ -1,7 +1,5 @@
 """Replaying: the recorded bytes go over zenoh again, and the same comes of them."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Which messages are played, and on which keys."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.playback.selection import KeyMapping, PlayedMessages

@@ -1,7 +1,5 @@
 """The conductor: when a run ends, how, and what it says of a schedule that stopped."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal

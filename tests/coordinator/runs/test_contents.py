@@ -1,7 +1,5 @@
 """What `cubepath log info` says of a recording."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

@@ -1,7 +1,5 @@
 """Processes of a run with rounds that die or stand still: what is tolerated, and what is told."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures of a run hold all its moves, and are written whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Runs on several hosts: real commands that join over loopback addresses."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Films have a frame a step, and are written whole or not at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

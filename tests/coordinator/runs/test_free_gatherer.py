@@ -1,7 +1,5 @@
 """Commits of keepers are gathered by their versions, in any order, and never what cannot be."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from random import Random
 from typing import Any

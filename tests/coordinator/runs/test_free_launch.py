@@ -1,7 +1,5 @@
 """Runs without rounds from start to end: what is on record holds, whatever happened."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

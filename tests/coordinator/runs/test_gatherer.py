@@ -1,7 +1,5 @@
 """Gathering: the same result whatever the order of arrival, and however often a report comes."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace as replace_scene

@@ -1,7 +1,5 @@
 """What was cut from a recording is no shorter run: it has all moves, or it is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is given of a wrong type, or out of range, is refused in one line before anything starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Guests of a private run: they hear everything, and whatever they do, the run goes on as ever."""
 
-from __future__ import annotations
-
 import select
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What the coordinator has heard of each sender, and asks to be said again."""
 
-from __future__ import annotations
-
 from random import Random
 
 from cubepath.coordinator.runs.collector import ASKS_MAX, Collector, SequenceTracker

@@ -1,7 +1,5 @@
 """Runs whose coordinator is killed: what was said a second before, and every finished round."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A run from end to end: real processes, a closed recording, and what is said of it."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -1,7 +1,5 @@
 """What listens to a run: what it raises and asks for waits until the round is over."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Some modules live and the others from a recording, up to the first divergence."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path

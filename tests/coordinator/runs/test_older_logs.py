@@ -1,7 +1,5 @@
 """Logs of keepers that are older than what else is known of their run."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

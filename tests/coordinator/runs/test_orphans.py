@@ -1,7 +1,5 @@
 """Nothing is left of a private run, whatever of it is killed: no process, and no folder."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A module process that was written from the page of the protocol alone, in real runs."""
 
-from __future__ import annotations
-
 import ast
 import json
 import sys

@@ -4,8 +4,6 @@ Four vehicles on a path of twenty vertices, two in each process. Vehicle 0 stand
 both want 1; the other two stand apart.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace as scene_with
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """A run under way: stepped, watched, tapped, asked, and ended whatever happens."""
 
-from __future__ import annotations
-
 import gc
 import signal
 import weakref

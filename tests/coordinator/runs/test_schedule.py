@@ -1,7 +1,5 @@
 """Schedules carried out: they end where the original run ended, or stop where they must."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Secure runs: real sessions over TLS, each with the certificate of who speaks."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A film of a run beside its schedule shows both at every step, and the time of the step."""
 
-from __future__ import annotations
-
 from itertools import chain
 from pathlib import Path
 

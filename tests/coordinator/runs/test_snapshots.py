@@ -1,7 +1,5 @@
 """Modules are followed through the moves of a run, by the moves alone."""
 
-from __future__ import annotations
-
 from itertools import chain
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs that go on from any round of a recording, with other rules."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 from functools import cache

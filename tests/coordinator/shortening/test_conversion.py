@@ -1,7 +1,5 @@
 """Converting paths: every form gives the same cubes, and bad moves are found in every form."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Certificates and timetables from the command line: written, explained, and checked again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Shortening files: recordings, moves files and scenarios give one result, or one clear refusal."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a path's file tells, in one object: where it comes from, its moves, start and scene."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

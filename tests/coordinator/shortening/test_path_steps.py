@@ -1,7 +1,5 @@
 """What a path's file tells to be drawn: a scene, its steps, and the normal cube path of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from itertools import chain

@@ -1,7 +1,5 @@
 """Paths of runs in memory, shortened without a file between."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Ids that moves with different contents have: their cubes are told apart, and read back."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Plans of other programs are shortened, converted and looked beyond like any path."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Plans that do not end as their instance asks: shortened all the same, and told so."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Faults: how they are drawn, that what is drawn is tolerable, and that a list says the same."""
 
-from __future__ import annotations
-
 from random import Random
 
 from cubepath.coordinator.simulation.faults import (

@@ -1,7 +1,5 @@
 """Runs without rounds under faults: what they come to, what happens in them, and what is found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Liars: what is told of each kind of lie, and that honest processes are never accused."""
 
-from __future__ import annotations
-
 from collections import Counter
 from random import Random
 

@@ -1,7 +1,5 @@
 """The simulated wire: what arrives, in which order, and what faults do, with a toy protocol."""
 
-from __future__ import annotations
-
 from random import Random
 
 import pytest

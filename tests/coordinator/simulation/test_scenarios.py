@@ -1,7 +1,5 @@
 """What a seed stands for: every system and rule comes, small as asked, and always the same."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pytest

@@ -1,7 +1,5 @@
 """The picture of a simulated run, drawn and read back."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Simulated runs: what they come to without faults and with each kind, and what is found wrong."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A module a hundred times slower than its neighbours gets its turn, in virtual time."""
 
-from __future__ import annotations
-
 import pytest
 
 from samples.slow_module import measured

@@ -1,7 +1,5 @@
 """Many seeds: what is counted, and a planted bug that is found, shrunk, kept and opened again."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Commands of others: told by their lines, and ended with all that they have started."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

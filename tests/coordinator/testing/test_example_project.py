@@ -1,7 +1,5 @@
 """The example project of docs/testing.md, as its reader has it: against the installed cubepath."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What a test gives of a wrong type is refused in one line, where it is given."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from functools import cache

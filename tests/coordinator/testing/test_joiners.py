@@ -1,7 +1,5 @@
 """Commands that do not join a run: told in time, with what they said."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

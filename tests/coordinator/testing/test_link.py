@@ -1,7 +1,5 @@
 """A link between a process and the router: what passes, in which order, and what rules do to it."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterator

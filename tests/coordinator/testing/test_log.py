@@ -1,7 +1,5 @@
 """Assertions on the log: what holds passes, what does not is shown with the messages around it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

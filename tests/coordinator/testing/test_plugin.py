@@ -1,7 +1,5 @@
 """The plugin for pytest, as a project that uses it has it: in processes of pytest of their own."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """What a test does to the processes of a run: when, for how long, and what comes of a mistake."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

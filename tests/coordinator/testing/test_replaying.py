@@ -1,7 +1,5 @@
 """A recording replayed into the code under test: a function, a node, a process on a wire."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 

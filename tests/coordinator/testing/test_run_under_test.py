@@ -1,7 +1,5 @@
 """Runs under test: awaited, wounded, with processes of others; what fails tells what was seen."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

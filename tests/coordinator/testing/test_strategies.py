@@ -1,7 +1,5 @@
 """Strategies of faults and of runs with faults: what they draw holds, and what fails shrinks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

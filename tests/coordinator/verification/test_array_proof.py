@@ -1,7 +1,5 @@
 """Checking a certificate over arrays: the reference says the same of each, right or wrong."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Verifying batches: whatever is wrong with one, or with a part of it, is found and named."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """What a certificate says of the end, and whether the cubes of a file are its cubes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Recordings of both clocks with one value changed are verified, or refused in one line."""
 
-from __future__ import annotations
-
 import pytest
 
 from changed_values import Raised, answers

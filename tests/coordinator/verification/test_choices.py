@@ -1,7 +1,5 @@
 """Observations derived for `cubepath verify`, compared with those that modules make."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

@@ -1,7 +1,5 @@
 """Reads, writes and versions: rounds and cubes compared by the sites that their moves touch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import accumulate, chain
 

@@ -1,7 +1,5 @@
 """The check `ended`: where a run had to end, and what it says of that."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 

@@ -1,7 +1,5 @@
 """Two paths are equal up to swapping commuting moves, or homotopic, iff the obvious ways say so."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

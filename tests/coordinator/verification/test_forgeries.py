@@ -1,7 +1,5 @@
 """The table of forgeries: each row is built, and fails what the row says."""
 
-from __future__ import annotations
-
 import re
 from itertools import takewhile
 from pathlib import Path

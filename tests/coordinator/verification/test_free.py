@@ -1,7 +1,5 @@
 """Runs without rounds are derived again, and what was changed in a recording is found."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What is missing on record is counted and not checked; what contradicts the rest still fails."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial

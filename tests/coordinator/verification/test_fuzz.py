@@ -1,7 +1,5 @@
 """Recordings with messages that are changed in every way, and files that are cut and flipped."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

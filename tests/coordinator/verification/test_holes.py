@@ -1,7 +1,5 @@
 """Recordings with a hole: what stands before it is checked as ever, what comes after it is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

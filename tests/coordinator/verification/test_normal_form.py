@@ -1,7 +1,5 @@
 """The normal form that verification derives: by definition, in two linear passes."""
 
-from __future__ import annotations
-
 from itertools import chain
 
 from hypothesis import given, strategies as st

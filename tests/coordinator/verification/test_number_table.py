@@ -1,7 +1,5 @@
 """Numbers by keys: what is kept is found again, in memory that keys alone cannot run up."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """The check `pacing`: the phases of a run, in the order in which they were recorded."""
 
-from __future__ import annotations
-
 from dataclasses import replace as with_fields
 
 import pytest

@@ -1,7 +1,5 @@
 """The check `parameters`: each parameter by its form, and what the scene says of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace as with_fields
 
 import pytest

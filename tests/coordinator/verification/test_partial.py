@@ -1,7 +1,5 @@
 """What verifying says of recordings that were cut from others: what is missing, and no forgery."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Checking a certificate, on paths by hand: who reads, who writes, what is between."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.verification.array_proof import proves

@@ -1,7 +1,5 @@
 """Verifying: real recordings pass, and each check fails when what it is about is tampered with."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Recovery: every message of every undamaged chunk comes back, and nothing else does."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The check `schedule`: what it says, and where it has nothing to say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_fields
 from math import inf

@@ -1,7 +1,5 @@
 """Verifying a file as it is read: the same answer as with all messages in memory, in less of it."""
 
-from __future__ import annotations
-
 import os
 import random
 import tracemalloc

@@ -1,7 +1,5 @@
 """Text for a terminal: control characters are shown, and nothing else changes."""
 
-from __future__ import annotations
-
 import unicodedata
 
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """Error messages: one line that a person can read, whatever the input holds."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Input files: opened once, looked at and read from the start, refused in one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Keys that stand twice in one JSON object: refused in every JSON text that users write."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Output files: whole or as before, with their permissions and links; and looked at beforehand."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

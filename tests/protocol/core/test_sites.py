@@ -1,7 +1,5 @@
 """Sites from JSON: what is one, and how deep lists may be nested."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """TOML text: read as the standard library reads it, and refused in one line."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Tables of actions in binary files, and lines: made of arrays as of actions, one by one."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Self-contained moves read straight into arrays: the same as line by line, and no action built."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Durations: read exactly, and refused in words."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

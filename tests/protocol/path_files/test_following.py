@@ -1,7 +1,5 @@
 """Timetables of vehicles that follow one another, as files."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Moves and cubes files: what comes in goes out, and what is wrong is named by file and line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Paths as numbers: what the reader of lines gives, at once; and the binary form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """CG:SHOP 2021: steps of many moves become moves one after the other, or are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

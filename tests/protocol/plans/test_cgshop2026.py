@@ -1,7 +1,5 @@
 """CG:SHOP 2026: rounds of parallel flips become flips of the system, or are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans of multi-agent path finding: each form is read as it says, or refused where it is wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plain lists of moves, and how a plan's format is found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

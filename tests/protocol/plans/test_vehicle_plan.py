@@ -1,7 +1,5 @@
 """Plans of vehicles with the planner's rounds, in every format that has vehicles."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Appending to MCAP files: the same bytes as the mcap package writes, and nothing written twice."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from io import BytesIO

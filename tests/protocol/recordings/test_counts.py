@@ -1,7 +1,5 @@
 """The kinds of batches on record: those of the wire, part by part."""
 
-from __future__ import annotations
-
 from typing import get_args, get_type_hints
 
 import pytest

@@ -1,7 +1,5 @@
 """Recordings filtered, split and merged: the same messages, and each file says what it lacks."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from fnmatch import fnmatch

@@ -1,7 +1,5 @@
 """Recordings: what is written is read, by us and by others; what is none is refused."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

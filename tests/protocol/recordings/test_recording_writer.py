@@ -1,7 +1,5 @@
 """Writing recordings when something goes wrong: a kill, a full disk, a place that is none."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

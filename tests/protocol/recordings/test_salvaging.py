@@ -1,7 +1,5 @@
 """Damaged recordings: the damage is named, and no message is ever made up."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory

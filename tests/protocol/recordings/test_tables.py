@@ -1,7 +1,5 @@
 """Recordings as messages one after another, as arrays and as data frames."""
 
-from __future__ import annotations
-
 import sys
 import tracemalloc
 from collections import Counter

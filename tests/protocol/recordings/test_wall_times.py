@@ -1,7 +1,5 @@
 """Recordings of runs with rounds whose log times are the wall clock: read, nothing is different."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Arms that attach, slide the point where they are joined, and detach stay arms at their bases."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

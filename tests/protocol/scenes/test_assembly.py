@@ -1,7 +1,5 @@
 """Assembly: the states are the order ideals of the steps, and the complex is contractible."""
 
-from __future__ import annotations
-
 from itertools import chain, combinations
 from math import comb
 

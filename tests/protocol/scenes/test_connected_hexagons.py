@@ -1,7 +1,5 @@
 """The non-local system: its scenes fail the link condition, and nothing that runs takes it."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from collections import deque

@@ -1,7 +1,5 @@
 """The arm with all rotations of its generators: it stays one arm at its base, and can be stuck."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

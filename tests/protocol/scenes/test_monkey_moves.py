@@ -1,7 +1,5 @@
 """Monkey moves: their supports against hexagons that turn in the plane, and what they reach."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Random scenes: one seed names one scene everywhere, in every form; what cannot be is refused."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Sliding squares: the generators are the paper's, and the pair round a rectangle counts up."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import pytest

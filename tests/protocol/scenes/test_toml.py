@@ -1,7 +1,5 @@
 """Scenes as TOML: what `start`, `goal` and `goals` may hold, and how they are refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

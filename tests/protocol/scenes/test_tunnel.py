@@ -1,7 +1,5 @@
 """The hexagonal tunnel: contractible for any length, of higher dimension for longer ones."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from random import Random
 

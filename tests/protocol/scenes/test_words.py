@@ -1,7 +1,5 @@
 """Words under their relations: the complexes are those of rewriting strings."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Published benchmarks of vehicles as scenes: what a file says is what is built, or a line is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Coordinates: where places lie, in lengths of a move, as far as a system knows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

@@ -1,7 +1,5 @@
 """The compiled search for short paths of flips, against what is obvious and against all paths."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from random import Random

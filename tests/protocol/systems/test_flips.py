@@ -1,7 +1,5 @@
 """Triangulations: flips are exact, and the complexes have the sizes that counting gives."""
 
-from __future__ import annotations
-
 import pickle
 from itertools import combinations
 from math import comb, factorial

@@ -1,7 +1,5 @@
 """Who can obstruct whom on a lattice, against the definition of commuting, for any catalogue."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest

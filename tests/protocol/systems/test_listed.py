@@ -1,7 +1,5 @@
 """Systems listed move by move: neighbourhoods follow from the list; what cannot be is refused."""
 
-from __future__ import annotations
-
 import pickle
 import tomllib
 from collections.abc import Callable, Iterable

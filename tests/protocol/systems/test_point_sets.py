@@ -1,7 +1,5 @@
 """Point sets of the plane: geometry is exact, at any size and where points are collinear."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from math import comb
 

@@ -1,7 +1,5 @@
 """Certificates of a fleet: what is in them, and who may read them."""
 
-from __future__ import annotations
-
 import ipaddress
 import stat
 import subprocess

@@ -1,7 +1,5 @@
 """Messages: bytes that are none are refused in one line, whatever they are."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.protocol.core.errors import InputError

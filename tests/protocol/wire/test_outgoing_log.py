@@ -1,7 +1,5 @@
 """Senders number what they say, and say it again as long as they have it."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from cubepath.protocol.wire.free_messages import (

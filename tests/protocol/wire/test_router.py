@@ -1,7 +1,5 @@
 """The router of a run: private unless told otherwise, and nothing is left of it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

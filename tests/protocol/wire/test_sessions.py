@@ -1,7 +1,5 @@
 """Sessions: too few file descriptors are told in one line, before zenoh panics."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The shell of a node on zenoh: messages in their order, and ticks however many there are."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager

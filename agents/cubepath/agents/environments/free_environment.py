@@ -17,14 +17,9 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv
 from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
 
+from cubepath.agents.environments import observations
 from cubepath.agents.environments.environment import CubepathEnv, WireEnv
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
-from cubepath.agents.environments.observations import (
-    ModuleAgents,
-    checked_seed,
-    share_at_goal,
-    state_of,
-)
 from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
@@ -170,7 +165,7 @@ def scheduler_named(
             raise InputError(f"scheduler={name!r}: expected 'random', 'unfair' or 'turns'")
 
 
-class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
+class FreeEnv(observations.ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ... under the free clock.
 
     `agent_selection` is who acts next, as the scheduler wants it. Observation, mask and action are
@@ -270,7 +265,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
         options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
     ) -> None:
         """Put every module at its start; `seed` (by default 0) decides who acts when."""
-        seed = checked_seed(seed)
+        seed = observations.checked_seed(seed)
         if self._world is None:
             self._world = FreeWorld(
                 self.scene, seed=seed, note_length=self.note_length, lag=self.lag
@@ -339,9 +334,9 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
             declared.heeds,
             declared.exchanges,
         )
-        before = share_at_goal(self.scene, world.sites)
+        before = observations.share_at_goal(self.scene, world.sites)
         played = self.last_turn = world.act(self._module[agent], choice)
-        reward = share_at_goal(self.scene, world.sites) - before
+        reward = observations.share_at_goal(self.scene, world.sites) - before
         committed = played.moved is not None
         done = self.scene.reached(world.sites)
         late = world.turns >= self.max_cycles * len(self.possible_agents)
@@ -365,7 +360,7 @@ class FreeEnv(ModuleAgents, AECEnv[str, Observation, int | None], EzPickle):
 
     def state(self) -> NDArray[np.int32]:
         """Return the places of all modules, int32, shape (modules, site_size)."""
-        return state_of(self.scene, self.sites)
+        return observations.state_of(self.scene, self.sites)
 
     def close(self) -> None:
         """Forget the world."""

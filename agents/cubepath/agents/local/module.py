@@ -13,16 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from cubepath.agents.local.arbitration import (
-    UNCONTESTED,
-    contest,
-    outcome,
-    seed_in,
-    site_after,
-    taking_along,
-    verdict,
-    waiting_for,
-)
+from cubepath.agents.local import arbitration
 from cubepath.agents.local.observation import (
     Note as NoteNumbers,
     Observation,
@@ -135,7 +126,7 @@ class ModuleCore:
         self._mask: list[int] = [1]
         self._claim: Move | None = None
         self._granted: bool | None = None
-        self._contest = UNCONTESTED
+        self._contest = arbitration.UNCONTESTED
         self._takes_me: frozenset[int] = frozenset()
         self._wait_for_me: list[Site] = []
         self._failed: str | None = None
@@ -222,24 +213,24 @@ class ModuleCore:
     def arbitrate(self) -> list[Part]:
         """Begin to settle, when all claims have arrived: decide if no verdict is missing."""
         self._phase = "settle"
-        self._takes_me = taking_along(self.site, self._claims)
+        self._takes_me = arbitration.taking_along(self.site, self._claims)
         if self._claim is not None:
-            self._contest = contest(
+            self._contest = arbitration.contest(
                 self.module,
                 self._claim,
                 self._claims,
-                seed=seed_in(self.round, self._seed, self._later_seeds),
+                seed=arbitration.seed_in(self.round, self._seed, self._later_seeds),
                 round_number=self.round - self._rounds_before,
             )
             outranked = [self._claims[other] for other in self._contest.after]
-            waiting = waiting_for(self._claim, outranked)
+            waiting = arbitration.waiting_for(self._claim, outranked)
             self._wait_for_me = list(in_order({self._system.place_of(site) for site in waiting}))
         return self._decide()
 
     def _decide(self) -> list[Part]:
         if self._claim is None or self._granted is not None:
             return []
-        self._granted = verdict(self._contest.before, self._verdicts)
+        self._granted = arbitration.verdict(self._contest.before, self._verdicts)
         if self._granted is None or not self._wait_for_me:
             return []
         return [Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))]
@@ -258,14 +249,14 @@ class ModuleCore:
         before = self.site
         own = self._claim if self._granted else None
         taken = [self._claims[other] for other in self._takes_me if self._verdicts[other]]
-        self.site = site_after(before, taken if own is None else [own, *taken])
+        self.site = arbitration.site_after(before, taken if own is None else [own, *taken])
         self._phase = "report"
         return Report(
             round=self.round,
             module=self.module,
             before=before,
             site=self.site,
-            claim=outcome(self._granted),
+            claim=arbitration.outcome(self._granted),
             move=None if own is None else GeneratorPlacement(own.generator, own.at),
             received={kind: sorted(self._heard[kind]) for kind in sorted(self._heard)},
             failed=self._failed,

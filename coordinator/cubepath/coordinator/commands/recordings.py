@@ -10,15 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from cubepath.coordinator.commands.console import (
-    BAD_INPUT,
-    DONE,
-    FAILED,
-    answer,
-    complain,
-    progress_bar,
-    say,
-)
+from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import file_name
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import counted, visible
@@ -38,13 +30,13 @@ class RecordingAnswer:
 
     document: dict[str, Any]
     text: str
-    code: int = DONE
+    code: int = console.DONE
     complaints: tuple[str, ...] = ()
 
 
 def _complained(told: RecordingAnswer) -> int:
     for each in told.complaints:
-        complain(each)
+        console.complain(each)
     return told.code
 
 
@@ -59,13 +51,13 @@ def answer_each(
     """
     paths: list[Path] = options.logs
     if len(paths) == 1 and not os.path.isdir(paths[0]):  # noqa: PTH112 - never raises
-        with progress_bar(None, what, " rounds") as bar:
+        with console.progress_bar(None, what, " rounds") as bar:
             told = one(paths[0], bar.update)
-        answer(options, told.document, told.text)
+        console.answer(options, told.document, told.text)
         return _complained(told)
-    worst = DONE
+    worst = console.DONE
     named = [each for path in paths for each in _named(path)]
-    with progress_bar(len(named), what, " files") as bar:
+    with console.progress_bar(len(named), what, " files") as bar:
         between = "[" if options.json else ""
         try:
             for path, error in named:
@@ -73,16 +65,16 @@ def answer_each(
                 bar.clear()
                 if options.json:
                     document = {"log": file_name(path), **told.document}
-                    say(f"{between}{json.dumps(document)}", end="")
+                    console.say(f"{between}{json.dumps(document)}", end="")
                     between = ",\n"
                 elif told.text:
-                    say(f"{between}==> {visible(file_name(path))} <==\n{told.text}")
+                    console.say(f"{between}==> {visible(file_name(path))} <==\n{told.text}")
                     between = "\n"
                 worst = max(worst, _complained(told))
                 bar.update()
         finally:
             if options.json:
-                say("]" if between != "[" else "[]")
+                console.say("]" if between != "[" else "[]")
     return worst
 
 
@@ -117,7 +109,7 @@ def _tried(path: Path, one: Callable[[Path, Progress], RecordingAnswer]) -> Reco
 
 
 def _unreadable(error: CubepathError) -> RecordingAnswer:
-    code = BAD_INPUT if isinstance(error, InputError) else FAILED
+    code = console.BAD_INPUT if isinstance(error, InputError) else console.FAILED
     return RecordingAnswer({"unreadable": str(error)}, "", code, (str(error),))
 
 
@@ -157,12 +149,12 @@ def verified(
     missing = [name for name in required if not made[name]]
     if found.ok and missing:
         why = (f"{recording.path}: checks required and not made: {', '.join(missing)}",)
-        return RecordingAnswer(found.document(), text, FAILED, why)
+        return RecordingAnswer(found.document(), text, console.FAILED, why)
     if found.ok:
         return RecordingAnswer(found.document(), text)
     wrong = ", ".join(check.name for check in found.checks if not check.ok)
     why = (f"{recording.path}: checks failed: {wrong}",)
-    return RecordingAnswer(found.document(), text, FAILED, why)
+    return RecordingAnswer(found.document(), text, console.FAILED, why)
 
 
 def _mark(check: Check) -> str:

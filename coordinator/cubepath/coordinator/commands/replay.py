@@ -9,17 +9,10 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cubepath.coordinator.commands import console
+from cubepath.coordinator.commands import console, usage
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
 from cubepath.coordinator.commands.run import watched_rounds, with_damage
-from cubepath.coordinator.commands.usage import (
-    add_fields,
-    given,
-    module_numbers,
-    more_options,
-    number,
-)
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
@@ -40,7 +33,7 @@ _PLAYER = (
 )
 """Options of the player, which plays a recording as it is."""
 _WAIT_S = 60.0
-_seconds = number("0 or more seconds", lambda found: found >= 0)
+_seconds = usage.number("0 or more seconds", lambda found: found >= 0)
 
 
 def add_replay(replay: argparse.ArgumentParser) -> None:
@@ -94,7 +87,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--log", type=output_path, help="with --modules: record the new run here (default: nowhere)"
     )
-    _add_more(more_options(replay))
+    _add_more(usage.more_options(replay))
     _add_live(replay.add_argument_group("more options, with --modules"))
 
 
@@ -127,11 +120,11 @@ def _add_more(more: Any) -> None:
 
 def _add_live(live: Any) -> None:
     live.add_argument("--rule", help="a name or FILE.py:NAME (default: the one on record)")
-    add_fields(live, RunOptions, "processes", "connect", "secure", "wait_for", "patience")
+    usage.add_fields(live, RunOptions, "processes", "connect", "secure", "wait_for", "patience")
 
 
 def _modules(text: str) -> tuple[int, ...] | str:
-    return _ALL if text == _ALL else module_numbers(text)
+    return _ALL if text == _ALL else usage.module_numbers(text)
 
 
 def _pace(text: str) -> str:
@@ -192,7 +185,7 @@ def _play_live(options: argparse.Namespace) -> int:
     live = None if options.modules == _ALL else options.modules
     with watched_rounds() as watched:
         try:
-            found = replay_live(recording, live, **given(options, _LIVE), **watched)
+            found = replay_live(recording, live, **usage.given(options, _LIVE), **watched)
         except InputError as error:
             raise with_damage(error, recording) from None
     console.answer(options, found.document(), "\n".join(map(visible, _told(found).splitlines())))

@@ -6,20 +6,13 @@ import sys
 from collections.abc import Generator
 from typing import Any
 
-from cubepath.coordinator.commands import console
+from cubepath.coordinator.commands import console, usage
 from cubepath.coordinator.commands.files import (
     Output,
     check_files,
     file_name,
     input_path,
     output_path,
-)
-from cubepath.coordinator.commands.usage import (
-    add_fields,
-    given,
-    module_numbers,
-    more_options,
-    whole,
 )
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.options import RunOptions
@@ -48,7 +41,7 @@ def add_run(run: argparse.ArgumentParser) -> None:
     )
     files = {"schedule": input_path, "log": output_path}
     names = ("seed", "clock", "processes", "max_rounds", "schedule", "log")
-    add_fields(run, RunOptions, *names, types=files)
+    usage.add_fields(run, RunOptions, *names, types=files)
     run.add_argument(
         "--from",
         dest="parent",
@@ -59,11 +52,11 @@ def add_run(run: argparse.ArgumentParser) -> None:
     )
     run.add_argument(
         "--round",
-        type=whole(1),
+        type=usage.whole(1),
         metavar="N",
         help="with --from: the first round of the rule; before it modules choose as on record",
     )
-    more = more_options(run)
+    more = usage.more_options(run)
     plugin("add_live_options")(run, more)
     _add_more(more)
 
@@ -71,12 +64,12 @@ def add_run(run: argparse.ArgumentParser) -> None:
 def _add_more(more: Any) -> None:
     more.add_argument(
         "--modules",
-        type=module_numbers,
+        type=usage.module_numbers,
         metavar="0-7,9",
         help="with --round: the modules that follow the rule (default all); the others begin anew"
         " with the rule on record",
     )
-    add_fields(more, RunOptions, "repair", "hesitate", "keepers")
+    usage.add_fields(more, RunOptions, "repair", "hesitate", "keepers")
     more.add_argument(
         "--speed",
         type=_speed,
@@ -85,8 +78,8 @@ def _add_more(more: Any) -> None:
         metavar="MODULE=F",
         help="with the free clock: delay each action of MODULE by F * 10 ms (default: none)",
     )
-    add_fields(more, RunOptions, "jitter", "on_crash", "log_time")
-    add_fields(more, RunOptions, "listen", "connect", "secure", "wait_for", "patience")
+    usage.add_fields(more, RunOptions, "jitter", "on_crash", "log_time")
+    usage.add_fields(more, RunOptions, "listen", "connect", "secure", "wait_for", "patience")
 
 
 def _speed(text: str) -> tuple[int, float]:
@@ -108,7 +101,7 @@ def _run(options: argparse.Namespace) -> int:
     rule, *others = options.rules or [None]
     if others:
         raise InputError(f"--rule: found {len(options.rules)} rules, expected one without --round")
-    fields = given(options, _PLAN)
+    fields = usage.given(options, _PLAN)
     if "speeds" in fields:
         fields["speeds"] = dict(fields["speeds"])
     plan = Plan(rule=rule, resume=options.parent, **fields)
@@ -207,7 +200,7 @@ def _continue(options: argparse.Namespace) -> int:
                 rule,
                 from_round=options.round,
                 rules=others,
-                **given(options, _CONTINUED),
+                **usage.given(options, _CONTINUED),
                 **watched,
             )
         except InputError as error:

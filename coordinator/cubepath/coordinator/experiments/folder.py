@@ -33,14 +33,9 @@ from cubepath.coordinator.experiments.rows import (
     in_canonical_order,
 )
 from cubepath.coordinator.experiments.setting import OF_SCENES, RunBatch
+from cubepath.protocol.core import output_files
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
-from cubepath.protocol.core.output_files import (
-    check_output_folder,
-    locked_file,
-    unwritable,
-    written_whole,
-)
 
 MARK = "sweep.json"
 _FORMAT = "cubepath-sweep-1"
@@ -102,7 +97,7 @@ class SweepFolder:
     def __enter__(self) -> Self:
         """Make the folder, or take up an earlier sweep; InputError if neither can be."""
         arrow()
-        check_output_folder(self.folder)
+        output_files.check_output_folder(self.folder)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._lock_it()
@@ -118,7 +113,7 @@ class SweepFolder:
             ) from None
         except OSError as error:
             self._release()
-            raise unwritable(self.folder, error) from None
+            raise output_files.unwritable(self.folder, error) from None
         except InputError:
             if self._locked_first:  # it is somebody else's, and is left as it was
                 (self.folder / _LOCK).unlink(missing_ok=True)
@@ -130,7 +125,7 @@ class SweepFolder:
     def _lock_it(self) -> None:
         """Lock the folder, or raise BlockingIOError: it is looked into by one sweep at a time."""
         self._locked_first = not (self.folder / _LOCK).exists()
-        self._lock = locked_file(self.folder / _LOCK)
+        self._lock = output_files.locked_file(self.folder / _LOCK)
 
     def _check(self) -> None:
         """Raise InputError if the folder is that of something else; mark a new one."""
@@ -148,7 +143,7 @@ class SweepFolder:
 
     def _mark(self, versions: Sequence[str], notes: ReportNotes) -> None:
         told = {"format": _FORMAT, "versions": list(versions), "notes": notes}
-        with written_whole(self.folder / MARK) as stream:
+        with output_files.written_whole(self.folder / MARK) as stream:
             stream.write(msgspec.json.format(msgspec.json.encode(told), indent=1))
 
     def begin(
@@ -222,7 +217,7 @@ class SweepFolder:
 
     def _write(self, what: str, name: str, table: Any) -> None:
         path = file_within(self.folder, f"{what}/{name}.parquet")
-        with written_whole(path) as stream:
+        with output_files.written_whole(path) as stream:
             arrow().parquet.write_table(table, stream)
             stream.flush()
             os.fsync(stream.fileno())

@@ -11,13 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.normal_form.array_heap import (
-    ActionTable,
-    NormalForm,
-    NumberedHeap,
-    NumberedPieces,
-    normal_form,
-)
+from cubepath.coordinator.normal_form import array_heap
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Ordinals, Site, in_order
@@ -49,7 +43,7 @@ class Numbering:
         """Return the number of an action, or None if it has not been met."""
         return self._number.get(action)
 
-    def table(self) -> ActionTable | None:
+    def table(self) -> array_heap.ActionTable | None:
         """Return the rows of the actions met since the last call, None if there are none.
 
         The numbers of sites do not affect any visible result.
@@ -62,7 +56,7 @@ class Numbering:
             [[sites[site] for site in part] for part in parts]
             for parts in ((each.trace for each in actions), (each.reads for each in actions))
         ]
-        return ActionTable(*_rows(rows[0]), *_rows(rows[1]))
+        return array_heap.ActionTable(*_rows(rows[0]), *_rows(rows[1]))
 
 
 def _rows(lists: Sequence[Sequence[int]]) -> tuple[Numbers, Numbers]:
@@ -95,12 +89,12 @@ class PathCounter:
         >>> PathCounter([step, far]).count(np.array([0, 1, 0]))
         PathCounts(reduced_moves=1, cubes=1, max_cube_dimension=1)
         """
-        heap = NumberedHeap(self._table)
+        heap = array_heap.NumberedHeap(self._table)
         heap.append(self._numbers[moves])
         return PathCounts(heap.reduced_moves, heap.cubes, heap.max_cube_dimension)
 
 
-def cancellations(actions: Iterable[Action]) -> NormalForm:
+def cancellations(actions: Iterable[Action]) -> array_heap.NormalForm:
     """Return what becomes of each move of an edge path; see `NormalForm`.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
@@ -110,17 +104,17 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
     return normal_form_of(number_actions(actions))
 
 
-def normal_form_of(path: NumberedPath) -> NormalForm:
+def normal_form_of(path: NumberedPath) -> array_heap.NormalForm:
     """Return what becomes of each move of a path; see `NormalForm`."""
     written, read = path.supports.part(TRACE, TRACE), path.supports.part(TRACE, 0)
-    return normal_form(path.numbers, ActionTable(*written, *read))
+    return array_heap.normal_form(path.numbers, array_heap.ActionTable(*written, *read))
 
 
-def cubes_of(found: NormalForm, path: NumberedPath) -> NumberedCubes:
+def cubes_of(found: array_heap.NormalForm, path: NumberedPath) -> NumberedCubes:
     """Return the remaining moves of a path, cube by cube; see `in_cubes`."""
     numbers, supports = path.numbers, path.supports
     left = np.flatnonzero(found.levels)
-    pieces = NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
+    pieces = array_heap.NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
     begins, sites = supports.part(TRACE, TRACE)
     least = np.minimum.reduceat(supports.order[sites], begins[:-1]) if len(sites) else _NO_RANKS
     ordered, starts = _in_cubes(pieces, least)
@@ -128,8 +122,8 @@ def cubes_of(found: NormalForm, path: NumberedPath) -> NumberedCubes:
 
 
 def in_cubes(
-    pieces: NumberedPieces, actions: Sequence[Action]
-) -> tuple[NumberedPieces, NDArray[np.int64]]:
+    pieces: array_heap.NumberedPieces, actions: Sequence[Action]
+) -> tuple[array_heap.NumberedPieces, NDArray[np.int64]]:
     """Return the pieces cube by cube, and where each cube begins, shape (cubes + 1,).
 
     Within a cube they are in the canonical order of the least sites of their traces. The traces are
@@ -147,12 +141,12 @@ _NO_RANKS = np.zeros(0, dtype=np.int64)
 
 
 def _in_cubes(
-    pieces: NumberedPieces, least: NDArray[np.int64]
-) -> tuple[NumberedPieces, NDArray[np.int64]]:
+    pieces: array_heap.NumberedPieces, least: NDArray[np.int64]
+) -> tuple[array_heap.NumberedPieces, NDArray[np.int64]]:
     """Do what `in_cubes` does; `least` has for each action the rank of the least traced site."""
     order = np.lexsort((least[pieces.actions], pieces.levels))
     starts = np.cumsum(np.bincount(pieces.levels, minlength=1), dtype=np.int64)
-    return NumberedPieces(*(part[order] for part in pieces)), starts
+    return array_heap.NumberedPieces(*(part[order] for part in pieces)), starts
 
 
 class FastHeap:
@@ -179,7 +173,7 @@ class FastHeap:
 
     def __init__(self, *, telling: bool = False) -> None:
         """Make an empty heap, the path without moves; `telling` for `normal_form`."""
-        self._heap = NumberedHeap(telling=telling)
+        self._heap = array_heap.NumberedHeap(telling=telling)
         self._numbering = Numbering()
         self._queue: list[int] = []
         # Moves in the heap whose label differs from that of the first equal action.
@@ -249,7 +243,7 @@ class FastHeap:
             )
             yield tuple([labelled.get(move) or actions[number] for number, move in cube])
 
-    def normal_form(self) -> NormalForm:
+    def normal_form(self) -> array_heap.NormalForm:
         """Return what became of each move so far; ValueError if the heap is not `telling`.
 
         >>> heap, step = FastHeap(telling=True), Action([1, 2], [1, 2], [1], [2])
@@ -259,7 +253,7 @@ class FastHeap:
         """
         return self._all().normal_form()
 
-    def _all(self) -> NumberedHeap:
+    def _all(self) -> array_heap.NumberedHeap:
         """Return the heap with all moves in it."""
         heap, queue = self._heap, self._queue
         if not queue:

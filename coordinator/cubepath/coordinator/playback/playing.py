@@ -15,13 +15,7 @@ from typing import Any, Literal, Self, TypeAlias, TypedDict, Unpack
 import msgspec
 import zenoh
 
-from cubepath.coordinator.playback import timeline
-from cubepath.coordinator.playback.comparing import (
-    Comparison,
-    ReplayResult,
-    extent_of,
-    not_compared_of,
-)
+from cubepath.coordinator.playback import comparing, timeline
 from cubepath.coordinator.playback.machine import (
     Machine,
     PendingOrder,
@@ -154,7 +148,7 @@ class ReplaySession:
             max_gap_s=None if max_gap is None else seconds("max_gap_s", max_gap),
         )
         self._states = RecordedStates(self.reel)
-        self._extent = extent_of(recording)
+        self._extent = comparing.extent_of(recording)
         self._segments = SegmentComparison(recording, self._extent)
         self._queue: SimpleQueue[_Came] = SimpleQueue()
         self._resources = contextlib.ExitStack()
@@ -406,7 +400,7 @@ class ReplaySession:
             laps=machine.laps,
         )
 
-    def result(self) -> ReplayResult:
+    def result(self) -> comparing.ReplayResult:
         """Return the result, compared with the recording where possible."""
         total = self.recording.counts().kinds
         left_out = {
@@ -425,17 +419,17 @@ class ReplaySession:
             and self._selection.needed.isdisjoint(left_out)
         )
         if whole:
-            comparison = Comparison(self.recording, segments.gathered, extent)
+            comparison = comparing.Comparison(self.recording, segments.gathered, extent)
             differences, rounds = tuple(comparison.differences), comparison.rounds
             not_compared = comparison.not_compared
         else:
             differences, rounds = segments.compared(), segments.rounds
             last = self.reel.step_at(self.reel.end)
-            not_compared = not_compared_of(self.recording, rounds, last)
+            not_compared = comparing.not_compared_of(self.recording, rounds, last)
         gathered = segments.gathered
         heap = gathered.heap
         has_end = any(self.recording.of_kind("summary"))
-        return ReplayResult(
+        return comparing.ReplayResult(
             log=str(self.recording.path),
             run=self.run,
             endpoint=self.endpoint,

@@ -26,14 +26,8 @@ from cubepath.coordinator.runs.schedule_reading import own_moves
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import unwritable
 from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.credentials import keeper_name
-from cubepath.protocol.wire.free_messages import (
-    FreeMessage,
-    decode_free,
-    free_key,
-    free_topic,
-    level_of,
-)
 from cubepath.protocol.wire.messages import Edges, Go, encode
 from cubepath.protocol.wire.nodes import Keep, Put
 from cubepath.protocol.wire.shell import Shell
@@ -155,7 +149,7 @@ class FreeDriver(Driver[FreeFleet]):
         self._heard = time.monotonic()
         return None
 
-    def _find_results(self, ending: RunEnd) -> Sequence[FreeMessage]:
+    def _find_results(self, ending: RunEnd) -> Sequence[free_messages.FreeMessage]:
         assignment = self.task.assignment
         return (
             *(Edges(step.round, list(step.executed)) for step in self.gathered.steps),
@@ -167,9 +161,9 @@ class FreeDriver(Driver[FreeFleet]):
             ),
         )
 
-    def _publish(self, message: FreeMessage) -> None:
+    def _publish(self, message: free_messages.FreeMessage) -> None:
         if self._shell is not None:
-            key = free_key(self.fleet.run, message)
+            key = free_messages.free_key(self.fleet.run, message)
             self._shell.carry_out([Put(key, encode(message))])
 
     def _stop(self) -> None:
@@ -205,7 +199,7 @@ class FreeDriver(Driver[FreeFleet]):
             return self.gathered.moves >= sum(map(len, self.task.assignment.cubes))
         return self.gathered.reached
 
-    def _record(self, message: FreeMessage) -> None:
+    def _record(self, message: free_messages.FreeMessage) -> None:
         self._write(message, encode(message), time.time_ns())
 
     def _tidy(self, ending: RunEnd) -> None:
@@ -231,9 +225,9 @@ class FreeDriver(Driver[FreeFleet]):
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
             )
             if record.kind in ("commit", "commits", "turns"):
-                message = decode_free(record.data)
+                message = free_messages.decode_free(record.data)
                 self._gatherer.take(message)
-                self._level = max(self._level, level_of(message))
+                self._level = max(self._level, free_messages.level_of(message))
         self.writer.flush()  # to start the fleet may take seconds, and to end it
 
     def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet) -> None:
@@ -382,14 +376,14 @@ class FreeDriver(Driver[FreeFleet]):
             again = ", and was started again" if crash.restarted else ""
             self._say(f"{crash.name} has died ({crash.how}){again}")
 
-    def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
+    def _keep(self, kept: Keep[free_messages.FreeMessage], wall_ns: int) -> None:
         self._refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
         if self._collector.contradiction is not None:
             raise self._collector.contradiction
 
-    def _write(self, message: FreeMessage, data: bytes, wall_ns: int) -> None:
-        self._level = max(self._level, level_of(message))
+    def _write(self, message: free_messages.FreeMessage, data: bytes, wall_ns: int) -> None:
+        self._level = max(self._level, free_messages.level_of(message))
         at = wall_ns if self.plan.log_time == "wall" else self._level
-        self.writer.write(free_topic(message), data, round_number=at, wall_ns=wall_ns)
+        self.writer.write(free_messages.free_topic(message), data, round_number=at, wall_ns=wall_ns)
         self._listeners.hear(message, wall_ns)

@@ -21,6 +21,7 @@ from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.durations import Durations, TimedLine, time_text
@@ -81,8 +82,8 @@ def name_text(move: PathMove) -> str:
 def certificate_in_words(path: PathInput, certificate: Certificate) -> list[str]:
     """Return lines on which moves cancelled, what the chain is, and what this proves."""
     pairs, cubes = len(certificate.cancelled), len(certificate.cubes)
-    left = _count(certificate.moves - 2 * pairs, "move")
-    lines = [f"{_count(pairs, 'pair')} of equal moves cancelled; {left} left, and none cancel."]
+    left = counted(certificate.moves - 2 * pairs, "move")
+    lines = [f"{counted(pairs, 'pair')} of equal moves cancelled; {left} left, and none cancel."]
     if cubes:
         what = "A chain of one move" if cubes == 1 else f"A chain of {cubes} moves"
         lines.append(f"{what}, each of which does not commute with the one before:")
@@ -91,13 +92,9 @@ def certificate_in_words(path: PathInput, certificate: Certificate) -> list[str]
     lines.append(
         "Checked, so proved: the schedule is in the homotopy class of the input, and as the moves"
         f" of the chain must run one after another, no schedule in the class has fewer than"
-        f" {_count(cubes, 'cube')}.{end}"
+        f" {counted(cubes, 'cube')}.{end}"
     )
     return lines
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 @dataclass(frozen=True, slots=True)

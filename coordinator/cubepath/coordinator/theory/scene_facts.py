@@ -16,16 +16,11 @@ from cubepath.agents.environments.rollouts import play_in_python
 from cubepath.agents.rules.registry import own_rule, rule_named
 from cubepath.coordinator.experiments.instances import Change
 from cubepath.coordinator.experiments.setting import scene_hash
+from cubepath.coordinator.theory.search import transitions
 from cubepath.coordinator.theory.search.anytime import improve
 from cubepath.coordinator.theory.search.budget import Budget, SpentError
 from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
-from cubepath.coordinator.theory.search.transitions import (
-    Potential,
-    ReachableSites,
-    Transitions,
-    maskable,
-)
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -39,7 +34,7 @@ _DISTANCE_STEPS = 200_000
 """For how many sites it may be asked where a module can go from there, to measure distances."""
 
 
-class _BoundedWays(ReachableSites):
+class _BoundedWays(transitions.ReachableSites):
     """The ways of modules, from a bounded number of sites."""
 
     def __init__(self, system: System) -> None:
@@ -73,8 +68,8 @@ class ComputedSceneFacts:
     cross). It is 0 at the goal alone, and so is `missing`."""
     hashed: str
     """A hash of what the scene holds."""
-    _potential: Potential | None
-    _steps: Transitions
+    _potential: transitions.Potential | None
+    _steps: transitions.Transitions
     _bounds: dict[int, int] = field(default_factory=dict)
     _measured: dict[Change, tuple[int, int]] = field(default_factory=dict)
 
@@ -124,16 +119,16 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> ComputedS
     is none if it is 0.
     """
     scene = scene_from_spec(system)
-    steps, hashed = Transitions(scene.system), scene_hash(scene)
+    steps, hashed = transitions.Transitions(scene.system), scene_hash(scene)
     if scene.goal is None:
         return ComputedSceneFacts(scene, None, None, None, None, None, hashed, None, steps)
     start, goal = scene.start_state, scene.goal | scene.system.filled
     potential, best, at_least = None, None, None
     with suppress(SpentError, CubepathError):
         ends = steps.encode(start), steps.encode(goal)
-        potential = Potential(steps, *ends, _BoundedWays(scene.system))
-    if max_states and maskable(scene.system):
-        search = Transitions(scene.system)
+        potential = transitions.Potential(steps, *ends, _BoundedWays(scene.system))
+    if max_states and transitions.maskable(scene.system):
+        search = transitions.Transitions(scene.system)
         ends = search.encode(start), search.encode(goal)
         found = optimum(search, *ends, max_states=max_states)
         at_least = found.at_least

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cubepath.coordinator.verification import parameters
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.findings import (
     NO_END,
@@ -28,12 +29,6 @@ from cubepath.coordinator.verification.free_transcript import (
     edges_hash,
 )
 from cubepath.coordinator.verification.free_turns import FreePlayer, TurnsOfModules
-from cubepath.coordinator.verification.parameters import (
-    check_parameters,
-    keepers_of,
-    max_rounds_in,
-    processes_of,
-)
 from cubepath.coordinator.verification.results import Derived, concluded, without_end
 from cubepath.coordinator.verification.transcript import Fail, check_complete, is_cut_off
 from cubepath.protocol.core.errors import InputError
@@ -96,7 +91,7 @@ def verify_free(
     failures = Failures(FREE_CHECKS)
     for problem in recording.problems:
         failures.stage(0)("readable", problem)
-    check_parameters(recording, failures.stage(0))
+    parameters.check_parameters(recording, failures.stage(0))
     transcript = FreeReading(recording, failures.stage(0)).read(recording)
     results = transcript.results
     if results.gap:
@@ -155,7 +150,7 @@ def _check_said(
     Return whether everybody rests at the end, and everything is known.
     """
     fail = failures.stage(2)
-    keepers = keepers_of(recording)
+    keepers = parameters.keepers_of(recording)
     if keepers is None:
         fail("attempts", "without their number it is not known which keeper has what")
         return False
@@ -182,7 +177,7 @@ def _check_said(
     open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
     whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
     losses = transcript.losses
-    known = processes_of(recording)
+    known = parameters.processes_of(recording)
     processes = losses.processes if known is None else range(known)
     awake = [each for each in processes if not losses.at_rest(each)]
     for process in awake if has_end else ():
@@ -225,7 +220,7 @@ def _never_began(recording: Recording) -> bool:
     """Return whether a run was over before it began, and nothing has been sent."""
     over = recording.scene.reached(recording.scene.start) and recording.schedule is None
     none = all(record.topic.endswith("/coordinator") for record in recording.records)
-    return none and (over or max_rounds_in(recording.parameters) == 0)
+    return none and (over or parameters.max_rounds_in(recording.parameters) == 0)
 
 
 def _check_edges(path: LevelPath, transcript: FreeTranscript, fail: Fail) -> str:
@@ -313,7 +308,7 @@ def _check_ended(
         fail("ended", f"it says {summary.ended}, and {error!r}")
     if summary.ended == "goal" and not arrived and recording.schedule is None:
         fail("ended", "it says goal, which was not reached")
-    most = max_rounds_in(recording.parameters)
+    most = parameters.max_rounds_in(recording.parameters)
     if summary.ended == "max-rounds" and most is not None and levels < most:
         fail("ended", f"it says max-rounds at level {levels}, of {most}")
     if summary.ended == "interrupted" and error != "interrupted":

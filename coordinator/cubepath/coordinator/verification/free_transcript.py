@@ -12,13 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 import msgspec
 
-from cubepath.coordinator.verification.free_asked import (
-    AskedAttempts,
-    AskedHolds,
-    ShownVersions,
-    TurnNumbers,
-    attempt_name,
-)
+from cubepath.coordinator.verification import free_asked
 from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_units import NO_SITE
 from cubepath.coordinator.verification.number_table import Name, NumberTable, PackedCommits
@@ -78,22 +72,22 @@ class KeeperPart(NamedTuple):
 class FreeTranscript:
     """What the messages of a run without rounds say, as far as others are compared with it."""
 
-    attempts: AskedAttempts
+    attempts: free_asked.AskedAttempts
     asked_by: dict[int, set[int]] = field(default_factory=dict)
     """By module the processes that spoke for it."""
     commits: PackedCommits = field(default_factory=PackedCommits)
     acknowledged: set[tuple[AttemptId, int]] = field(default_factory=set)
     """The attempts whose commit a keeper reports to know, with that keeper."""
-    shown: dict[Site, ShownVersions] = field(default_factory=dict)
+    shown: dict[Site, free_asked.ShownVersions] = field(default_factory=dict)
     """By place what was shown of it."""
-    turns: TurnNumbers = field(default_factory=TurnNumbers)
+    turns: free_asked.TurnNumbers = field(default_factory=free_asked.TurnNumbers)
     gave_up: set[str] = field(default_factory=set)
     """Which modules gave up, with their reasons."""
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their incarnations that asked where they stand."""
     stands: dict[tuple[int, int], Site] = field(default_factory=dict)
     """The first place that a module was told it stands at, by module and epoch."""
-    holds: AskedHolds = field(default_factory=AskedHolds)
+    holds: free_asked.AskedHolds = field(default_factory=free_asked.AskedHolds)
     looks: set[tuple[int, str]] = field(default_factory=set)
     """Tiles of which all was asked for, with the keeper that was asked."""
     losses: Losses = field(default_factory=Losses)
@@ -125,7 +119,7 @@ class FreeReading:
         self._keepers = keepers_of(recording)
         self._processes = processes_of(recording)
         tiles = None if self._keepers is None else Tiles(system, self._keepers)
-        self.found = FreeTranscript(AskedAttempts(system, tiles))
+        self.found = FreeTranscript(free_asked.AskedAttempts(system, tiles))
         self._fail = fail
         limits = (self._keepers, self._processes, self._keepers, self._modules)
         self._most = {
@@ -288,7 +282,7 @@ class FreeReading:
                 seen.add(place)
             known = self.found.shown.get(place)
             if known is None:
-                known = self.found.shown[place] = ShownVersions()
+                known = self.found.shown[place] = free_asked.ShownVersions()
             known.add(part.version, part.module_version)
 
     def _told_early(self, where: Record, parts: Iterable[object]) -> None:
@@ -310,7 +304,7 @@ class FreeReading:
                 if not found.holds.take(message.keeper, part):
                     self._fail("place", f"{where}: hold {part.number} comes twice, and differs")
             elif not found.attempts.take(part, asked=True):
-                name = attempt_text(attempt_name(part))
+                name = attempt_text(free_asked.attempt_name(part))
                 self._fail("attempts", f"{where}: {name} comes twice, and differs")
 
     def _moved(self, where: Record, moved: Commit, *, announced: bool = False) -> None:

@@ -6,21 +6,10 @@ Part of `cubepath verify`; `cubepath.coordinator.verification.rounds` derives th
 from collections.abc import Callable, Iterable
 from functools import partial
 
+from cubepath.coordinator.verification import findings, parameters
 from cubepath.coordinator.verification.choices import Moment, RoundPlayer
 from cubepath.coordinator.verification.ending import OutcomeCheck, check_schedule
-from cubepath.coordinator.verification.findings import (
-    Failures,
-    MissingMessages,
-    Progress,
-    Verification,
-)
 from cubepath.coordinator.verification.pacing import Pacing
-from cubepath.coordinator.verification.parameters import (
-    check_parameters,
-    check_stages,
-    seed_in,
-    stages_in,
-)
 from cubepath.coordinator.verification.results import Derived, concluded
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.transcript import RECOVERED, RecordedRound, Sorting
@@ -61,24 +50,24 @@ CHECKS = {
 def verify_lockstep(
     recording: Recording,
     blocks: Iterable[tuple[Iterable[Record], float]],
-    progress: Progress | None,
+    progress: findings.Progress | None,
     player: Callable[[], RoundPlayer] | None,
-) -> Verification:
+) -> findings.Verification:
     """Derive everything in the recording of a run with rounds, and compare.
 
     Its messages come in blocks, each with the round before which nothing more of it can come;
     OutOfOrder if something does.
     """
-    failures = Failures(CHECKS)
+    failures = findings.Failures(CHECKS)
     for problem in recording.problems:
         failures.stage(0)("readable", problem)
     pacing = Pacing(recording, failures.stage(0))
     sorting = Sorting(recording, failures.stage(0), pacing.take)
     transcript = sorting.found
-    check_parameters(recording, failures.stage(0))
+    parameters.check_parameters(recording, failures.stage(0))
     told = recording.parameters
-    stages = stages_in(recording)
-    seed = seed_in(told)
+    stages = parameters.stages_in(recording)
+    seed = parameters.seed_in(told)
     seed_lost = "seed" not in told and bool(recording.problems or RECOVERED in told)
     if seed is None and not seed_lost:
         failures.stage(1)("claims", "the recording names no seed, so no rank is known")
@@ -102,9 +91,9 @@ def verify_lockstep(
     fail = failures.stage(2)
     course.check(transcript, pacing)
     check_schedule(recording, transcript, fail)
-    check_stages(recording, transcript, fail)
+    parameters.check_stages(recording, transcript, fail)
     derived.check_edges(transcript)
-    missing = MissingMessages(
+    missing = findings.MissingMessages(
         max(0, pacing.round - transcript.complete_rounds),
         max(transcript.gap + pacing.missing(), left_out(recording)),
     )

@@ -8,18 +8,12 @@ gatherer nor the heap, nor anything from the agents.
 from collections.abc import Callable
 from math import inf
 
+from cubepath.coordinator.verification import partial
 from cubepath.coordinator.verification.choices import RoundPlayer
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
 from cubepath.coordinator.verification.lockstep import CHECKS, verify_lockstep
-from cubepath.coordinator.verification.partial import (
-    blocks_before,
-    hole_in,
-    verify_partial,
-    verify_with_hole,
-    why_partial,
-)
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.recording import Recording, recording_of
@@ -59,22 +53,22 @@ def verify(
     [False, True]
     """
     recording = recording_of(recording)
-    why = why_partial(recording)
+    why = partial.why_partial(recording)
     if why is not None:
         checks = FREE_CHECKS if recording.clock == "free" else CHECKS
-        return verify_partial(recording, checks, why, progress)
+        return partial.verify_partial(recording, checks, why, progress)
     free = recording.clock == "free"
-    hole = hole_in(recording)
+    hole = partial.hole_in(recording)
 
     def from_the_start(some: Recording) -> Verification:
         if free:
             return verify_free(some, progress, free_player)
-        blocks = some.blocks() if hole is None else blocks_before(recording, hole)
+        blocks = some.blocks() if hole is None else partial.blocks_before(recording, hole)
         try:
             return verify_lockstep(some, blocks, progress, player)
         except OutOfOrder:
             return verify_lockstep(some, [(some.records, inf)], progress, player)
 
     if hole is not None:
-        return verify_with_hole(recording, hole, from_the_start)
+        return partial.verify_with_hole(recording, hole, from_the_start)
     return from_the_start(recording)

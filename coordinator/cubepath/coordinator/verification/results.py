@@ -8,14 +8,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
+from cubepath.coordinator.verification import findings
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.dependencies import check_dependencies
-from cubepath.coordinator.verification.findings import (
-    NO_END,
-    Failures,
-    MissingMessages,
-    Verification,
-)
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
@@ -38,7 +33,7 @@ def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
     names = ["complete"] * cut_off + ["summary", "ended"]
     names += [] if found.cubes else ["normal", "ends", "class"]
     names += [] if found.certificate else ["certificate"]
-    return dict.fromkeys(names, NO_END)
+    return dict.fromkeys(names, findings.NO_END)
 
 
 def recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
@@ -143,12 +138,12 @@ def concluded(
     recording: Recording,
     transcript: Transcript,
     derived: Derived,
-    failures: Failures,
+    failures: findings.Failures,
     *,
     stage: int,
-    missing: MissingMessages,
+    missing: findings.MissingMessages,
     unchecked: Mapping[str, str],
-) -> Verification:
+) -> findings.Verification:
     """Compare the recorded end with what was derived, and return the result.
 
     What fails is found in a `stage`. `unchecked` says of checks on the rest why they were not made.
@@ -179,7 +174,7 @@ def concluded(
     ending = without_end(transcript, cut_off=is_cut_off(recording))
     checks = failures.checks({**unchecked, **ending})
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
-    return Verification(
+    return findings.Verification(
         ok=all(check.ok for check in checks),
         complete=sound and whole,
         missing=missing,

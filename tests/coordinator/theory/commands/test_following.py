@@ -1,7 +1,5 @@
 """``cubepath improve --following`` and ``cubepath verify`` of what it writes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``cubepath verify FILE.proof``: rows, documents, refusals and files for other checkers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

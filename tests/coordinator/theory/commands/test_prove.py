@@ -1,7 +1,5 @@
 """``improve --prove``: what it says, writes and refuses, and how it is ended."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Collapses: replayed on plain sets, and nothing claimed that was not shown."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """`cubepath complex`: what it says, in which form, with which exit code."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

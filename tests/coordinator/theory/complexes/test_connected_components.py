@@ -1,7 +1,5 @@
 """Connected components and two sides, beside networkx."""
 
-from __future__ import annotations
-
 import networkx as nx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Pictures of complexes say what their colours mean."""
 
-from __future__ import annotations
-
 from typing import Any, cast
 
 import numpy as np

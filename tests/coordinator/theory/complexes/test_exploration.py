@@ -1,7 +1,5 @@
 """Exploring states and building the state complex, against the obvious enumeration."""
 
-from __future__ import annotations
-
 from itertools import combinations, pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Homology: known spaces, the obvious way beside the fast one, products, big coefficients."""
 
-from __future__ import annotations
-
 from math import gcd
 
 import pytest

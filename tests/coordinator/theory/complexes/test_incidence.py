@@ -1,7 +1,5 @@
 """Cells in one row: the faces and cofaces are those of the complex."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pytest

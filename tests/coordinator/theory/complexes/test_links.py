@@ -1,7 +1,5 @@
 """The link condition: checked from the cubes, with witnesses where it fails."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex, complex_from_faces

@@ -1,7 +1,5 @@
 """Which actions a state shows by masks, against the definition on sets."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

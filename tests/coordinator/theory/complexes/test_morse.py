@@ -1,7 +1,5 @@
 """Chains, matchings and Morse boundaries, against their definitions."""
 
-from __future__ import annotations
-
 from collections import Counter
 from functools import cache
 from itertools import pairwise

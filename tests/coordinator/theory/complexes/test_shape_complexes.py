@@ -1,7 +1,5 @@
 """The shape complex, and macros that are lifted from it."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.theory.complexes.links import check_links

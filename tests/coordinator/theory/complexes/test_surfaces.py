@@ -1,7 +1,5 @@
 """Closed surfaces: known ones, random ones from squares glued side to side, and what is none."""
 
-from __future__ import annotations
-
 from random import Random
 
 import pytest

@@ -1,7 +1,5 @@
 """Where the vertices of small complexes are drawn."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

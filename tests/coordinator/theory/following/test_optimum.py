@@ -1,7 +1,5 @@
 """The fewest rounds in which vehicles may follow, against exhaustive search over joint states."""
 
-from __future__ import annotations
-
 import json
 from contextlib import ExitStack
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The least timetable of a plan whose vehicles may follow one another."""
 
-from __future__ import annotations
-
 from collections import Counter
 from fractions import Fraction
 from itertools import pairwise

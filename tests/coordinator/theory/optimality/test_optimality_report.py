@@ -1,7 +1,5 @@
 """What is known beyond the class of self-contained moves, and what need not be built for it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

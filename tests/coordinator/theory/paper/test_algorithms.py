@@ -1,7 +1,5 @@
 """The paper's algorithms: what they do as printed, where that falls short, and the mended one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

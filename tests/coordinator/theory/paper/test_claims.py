@@ -1,7 +1,5 @@
 """The paper's claims: every row comes out as it is known to, and a wrong one is told."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

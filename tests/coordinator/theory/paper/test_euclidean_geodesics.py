@@ -1,7 +1,5 @@
 """Paths by their definitions, envelopes, and complexes pulled apart: small ones, by hand."""
 
-from __future__ import annotations
-
 from math import isclose, sqrt
 
 from hypothesis import given, strategies as st

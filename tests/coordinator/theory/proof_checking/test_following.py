@@ -1,7 +1,5 @@
 """Timetables of vehicles that follow one another, checked: what holds passes, all else is seen."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Proofs about vehicles that follow: what holds is accepted, and whatever does not is refused."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 All of it is asked of two checkers: that of `cubepath verify`, and one written from the page alone.
 """
 
-from __future__ import annotations
-
 import gc
 from collections import Counter
 from dataclasses import replace

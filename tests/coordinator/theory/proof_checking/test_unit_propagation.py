@@ -1,7 +1,5 @@
 """Unit propagation: solvers' refutations are accepted, and nothing is refuted that has a model."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clauses have a model exactly where exhaustive search finds a path, in every kind of system."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np

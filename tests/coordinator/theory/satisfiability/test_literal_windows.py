@@ -1,7 +1,5 @@
 """The windows of values and moves, against their definition in plain Python, and against paths."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import count
 from math import inf

@@ -1,7 +1,5 @@
 """Groups of sites of which one at most is on: they hold on every path, or are not taken."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from random import Random
 

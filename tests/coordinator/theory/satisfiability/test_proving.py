@@ -1,7 +1,5 @@
 """The optimum from a path down and a bound up: against exhaustive search, and when stopped."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 

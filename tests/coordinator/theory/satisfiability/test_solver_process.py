@@ -1,7 +1,5 @@
 """Solvers in processes of their own: what they answer, and that nothing is left of them."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

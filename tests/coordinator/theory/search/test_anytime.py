@@ -1,7 +1,5 @@
 """The search beyond the homotopy class: never worse, always legal, and the short way round."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

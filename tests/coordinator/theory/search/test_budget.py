@@ -1,7 +1,5 @@
 """What a search may spend: it stops where it is due, and says what it spent where."""
 
-from __future__ import annotations
-
 import json
 from itertools import count
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The conflict optimizer: cheapest routes, drafts without conflicts, legal plans, same seeds."""
 
-from __future__ import annotations
-
 from heapq import heappop, heappush
 from itertools import pairwise
 from pathlib import Path

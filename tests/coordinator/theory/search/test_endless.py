@@ -1,7 +1,5 @@
 """Scenes without end: modules that can wander off are found, and they do."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.theory.search.exact import optimum, wandering

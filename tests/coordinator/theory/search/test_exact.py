@@ -1,7 +1,5 @@
 """The exact optimum over all classes: against the obvious search, and against every known path."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube

@@ -1,7 +1,5 @@
 """Plans for hexagons by way of chains: every move again, with all that must hold after it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

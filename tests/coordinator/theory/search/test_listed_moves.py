@@ -1,7 +1,5 @@
 """Moves that a list alone tells: met where they begin, and met the same way from arrays."""
 
-from __future__ import annotations
-
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of

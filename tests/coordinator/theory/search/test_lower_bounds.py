@@ -1,7 +1,5 @@
 """Lower bounds: never above the exact optimum, and sharp where they should be."""
 
-from __future__ import annotations
-
 from itertools import permutations
 from random import Random
 

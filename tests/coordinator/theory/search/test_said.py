@@ -1,7 +1,5 @@
 """What a system says of its paths: its errors are told by class and method, in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import pytest

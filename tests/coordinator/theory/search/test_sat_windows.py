@@ -1,7 +1,5 @@
 """A SAT solver beside the search: always legal, never worse, and nothing is left running."""
 
-from __future__ import annotations
-
 import importlib.util
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`cubepath log filter`, `split` and `merge`: recordings in, recordings out."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`cubepath log export`: tables on standard output and in files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

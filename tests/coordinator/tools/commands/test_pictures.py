@@ -1,7 +1,5 @@
 """``cubepath view`` draws what it is asked for, and refuses in one line what it cannot draw."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

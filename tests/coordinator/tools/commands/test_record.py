@@ -1,7 +1,5 @@
 """`cubepath log record` beside other commands, each a process of its own."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

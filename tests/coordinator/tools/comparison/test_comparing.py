@@ -1,7 +1,5 @@
 """`cubepath diff`: exit codes, JSON, files of moves, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

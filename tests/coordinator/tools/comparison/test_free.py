@@ -1,7 +1,5 @@
 """Two runs without rounds: which commits differ, by an obvious definition of depending."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from random import Random

@@ -1,7 +1,5 @@
 """Two runs with rounds: where they part is named as by decoding everything and sorting it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs of which parts are on record: what both have is compared, and what is missing is said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs that go on from a recording: the rule asked is that of the stage, from where that began."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

@@ -1,7 +1,5 @@
 """What rerun's own command line says of the files that are exported for it."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Tables of recordings: whatever the form, read back they are what the recording says."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

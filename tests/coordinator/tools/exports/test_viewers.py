@@ -1,7 +1,5 @@
 """Files for viewers: what others read in them is the recording, on a time line and in space."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterable

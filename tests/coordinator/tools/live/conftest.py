@@ -1,7 +1,5 @@
 """Live pages in a browser."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """What is heard of a run, and the levels of one without rounds, without anybody who watches."""
 
-from __future__ import annotations
-
 import pytest
 
 from cubepath.coordinator.runs.asking import Released

@@ -1,7 +1,5 @@
 """The events of a run, put together again as a page does it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Generator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Live pages in a browser: they follow a run, pause it, step it, and are saved."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import Any

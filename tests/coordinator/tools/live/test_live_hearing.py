@@ -1,7 +1,5 @@
 """Claims, messages and the state complex of live pages: those of the recording, in a browser."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import Any

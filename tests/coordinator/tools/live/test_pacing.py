@@ -1,7 +1,5 @@
 """The pace of a run that is watched."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What the server of a live page lets in, and what it refuses, over real sockets."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,7 +1,5 @@
 """A recorder attaches to a live run, writes what is on the wire, and leaves; the run goes on."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

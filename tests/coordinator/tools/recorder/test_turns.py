@@ -1,7 +1,5 @@
 """What was heard is put in an order in which the coordinator can have heard it."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

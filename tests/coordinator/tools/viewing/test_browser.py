@@ -4,8 +4,6 @@ Run by .ci/run, which installs the browser, or with ``-m browser``. Whatever a p
 console, and whatever it asks the network for, fails the test that opened it.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator

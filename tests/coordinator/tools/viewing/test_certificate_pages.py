@@ -1,7 +1,5 @@
 """Certificates as pages: their path, their schedule, and the chain that proves it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Documents as text in a page: they come back, and no name in them can break out."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

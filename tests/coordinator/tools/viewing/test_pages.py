@@ -1,7 +1,5 @@
 """Pages as files: one file that loads nothing, in which names stay names."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What a page shows of a run, as data: positions, cancellations, claims, messages, the complex."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Which move waited for which: against the definition, pair by pair."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """Random graphs: each model has exactly the probabilities that it names, and is connected."""
 
-from __future__ import annotations
-
 from collections import Counter
 from fractions import Fraction
 from itertools import combinations, product

@@ -1,7 +1,5 @@
 """Random shapes: connected, of their size, and uniform by an exact account and by counting."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction

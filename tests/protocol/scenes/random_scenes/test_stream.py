@@ -1,7 +1,5 @@
 """The stream of random numbers: pinned for good, uniform, and of one purpose and seed."""
 
-from __future__ import annotations
-
 from collections import Counter
 from hashlib import sha256
 from itertools import islice

@@ -1,7 +1,5 @@
 """Random walks: each step is an admissible move, each as likely, and the end can be reached."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pytest

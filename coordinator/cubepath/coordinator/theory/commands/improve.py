@@ -10,15 +10,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands import shorten
+from cubepath.coordinator.commands import files, shorten
 from cubepath.coordinator.commands.console import progress_bar
-from cubepath.coordinator.commands.files import (
-    PATH_SUFFIXES,
-    Output,
-    check_files,
-    none_written,
-    output_path,
-)
 from cubepath.coordinator.commands.path_options import add_durations, add_plan_options
 from cubepath.coordinator.commands.usage import more_options, number, whole
 from cubepath.coordinator.theory.commands.following import improve_following
@@ -65,7 +58,7 @@ def add_improve(improve: argparse.ArgumentParser) -> None:
     )
     improve.add_argument(
         "--proof",
-        type=output_path,
+        type=files.output_path,
         metavar="FILE.proof",
         help="with --prove: write what was proved, for 'cubepath verify FILE.proof'",
     )
@@ -124,11 +117,11 @@ def _improve(options: argparse.Namespace) -> int:
         and not (options.bounds and not _leaves_class(options))
     ):
         raise InputError(f"{out}: holds moves of the input alone, expected a .jsonl file")
-    check_files(
+    files.check_files(
         options,
         [options.input],
-        Output(out, PATH_SUFFIXES, stream=True),
-        Output(options.proof, (".proof",)),
+        files.Output(out, files.PATH_SUFFIXES, stream=True),
+        files.Output(options.proof, (".proof",)),
     )
     found = shorten.shortened_input(options)
     began = time.perf_counter()
@@ -201,7 +194,7 @@ def _rows(known: OptimalityReport, proof: Path | None) -> list[tuple[str, object
     if known.agreed is not None:
         rows.append(("agreed", f"{known.agreed} (two solvers, without a proof to check)"))
     if proof is not None:
-        none = none_written(proof, "no length was refuted by clauses")
+        none = files.none_written(proof, "no length was refuted by clauses")
         rows.append(("proof", known.proof or none))
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))

@@ -15,14 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands import console
-from cubepath.coordinator.commands.files import (
-    Output,
-    check_files,
-    file_name,
-    input_path,
-    output_path,
-)
+from cubepath.coordinator.commands import console, files
 from cubepath.coordinator.commands.usage import add_fields, more_options, number, whole
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
@@ -38,9 +31,9 @@ _MB = 1_000_000
 def add_log_filter(kept: argparse.ArgumentParser) -> None:
     """Add the options of ``log filter``."""
     kept.set_defaults(command=_filter)
-    kept.add_argument("log", type=input_path, metavar="LOG")
+    kept.add_argument("log", type=files.input_path, metavar="LOG")
     kept.add_argument(
-        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+        "-o", "--out", type=files.output_path, required=True, metavar="OUT", help="a new .mcap file"
     )
     add_selection_options(kept)
 
@@ -48,11 +41,11 @@ def add_log_filter(kept: argparse.ArgumentParser) -> None:
 def add_log_split(split: argparse.ArgumentParser) -> None:
     """Add the options of ``log split``."""
     split.set_defaults(command=_split)
-    split.add_argument("log", type=input_path, metavar="LOG")
+    split.add_argument("log", type=files.input_path, metavar="LOG")
     split.add_argument(
         "-o",
         "--out",
-        type=output_path,
+        type=files.output_path,
         required=True,
         metavar="DIR",
         help="the folder for the parts, LOG-000.mcap and so on; it is made if need be",
@@ -79,9 +72,9 @@ def add_log_split(split: argparse.ArgumentParser) -> None:
 def add_log_merge(merge: argparse.ArgumentParser) -> None:
     """Add the options of ``log merge``."""
     merge.set_defaults(command=_merge)
-    merge.add_argument("logs", nargs="+", type=input_path, metavar="LOG")
+    merge.add_argument("logs", nargs="+", type=files.input_path, metavar="LOG")
     merge.add_argument(
-        "-o", "--out", type=output_path, required=True, metavar="OUT", help="a new .mcap file"
+        "-o", "--out", type=files.output_path, required=True, metavar="OUT", help="a new .mcap file"
     )
 
 
@@ -110,7 +103,7 @@ def _filter(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import filter_recording  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
 
-    check_files(options, [options.log], Output(options.out, (".mcap",)))
+    files.check_files(options, [options.log], files.Output(options.out, (".mcap",)))
     with console.progress_bar(None, "filter", ""):
         recording = read_undamaged(options.log)
         count = filter_recording(
@@ -133,7 +126,7 @@ def _split(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import split_recording  # noqa: PLC0415
 
     folder: Path = options.out
-    check_files(options, [options.log])
+    files.check_files(options, [options.log])
     check_output_folder(folder)
     with console.progress_bar(None, "split", ""):
         made = split_recording(
@@ -154,7 +147,7 @@ def _split(options: argparse.Namespace) -> int:
 def _merge(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import merge_recordings  # noqa: PLC0415
 
-    check_files(options, options.logs, Output(options.out, (".mcap",)))
+    files.check_files(options, options.logs, files.Output(options.out, (".mcap",)))
     with console.progress_bar(None, "merge", ""):
         count = merge_recordings(options.logs, options.out)
     document = {"messages": count, "recordings": len(options.logs), "output": str(options.out)}
@@ -178,11 +171,11 @@ _FORMS = {
 def add_log_export(export: argparse.ArgumentParser) -> None:
     """Add the options of ``log export``."""
     export.set_defaults(command=_export)
-    export.add_argument("log", type=input_path, metavar="LOG")
+    export.add_argument("log", type=files.input_path, metavar="LOG")
     export.add_argument(
         "-o",
         "--out",
-        type=output_path,
+        type=files.output_path,
         default=STANDARD_OUTPUT,
         metavar="OUT",
         help="a file whose suffix says the form: .csv, .parquet, .json, .jsonl, .mcap or .rrd; by"
@@ -235,7 +228,7 @@ def _export(options: argparse.Namespace) -> int:
             " no --json"
         )
     inner = argparse.Namespace(**{**vars(options), "json": False})
-    check_files(inner, [options.log], Output(out, stream=True))
+    files.check_files(inner, [options.log], files.Output(out, stream=True))
     with console.progress_bar(None, "export", ""):
         found = export(
             options.log,
@@ -253,7 +246,7 @@ def _export(options: argparse.Namespace) -> int:
         )
     document = {"what": found.what, "form": found.form, "count": found.count, "output": str(out)}
     console.answer(
-        options, document, visible(f"{found.count} {found.what} written to {file_name(out)}")
+        options, document, visible(f"{found.count} {found.what} written to {files.file_name(out)}")
     )
     return console.DONE
 
@@ -275,7 +268,7 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     record.add_argument(
         "-o",
         "--out",
-        type=output_path,
+        type=files.output_path,
         metavar="LOG.mcap",
         help="recording to write (default: a new file in logs/)",
     )
@@ -327,7 +320,7 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
 def _record(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.recorder.recorder import record  # noqa: PLC0415
 
-    check_files(options, [], Output(options.out, (".mcap",)))
+    files.check_files(options, [], files.Output(options.out, (".mcap",)))
     if options.out is not None and options.out.is_file():
         raise InputError(f"{options.out}: exists already, expected a new file")
     for given, name in ((options.size, "size"), (options.seconds, "seconds")):

@@ -56,11 +56,10 @@ def compare_families(
     """Compare how runs of systems of two families ended; nothing else would make sense."""
     told = _ended(a), _ended(b)
     return RunComparison(
-        str(a.path),
-        str(b.path),
+        a=str(a.path),
+        b=str(b.path),
         clock=a.clock if a.clock == b.clock else "moves",
         same=False,
-        identical=False,
         parameters=parameters,
         scene=scene,
         compared="how the runs ended; sites and moves of two such systems have nothing in common",
@@ -254,12 +253,10 @@ def _moves_alone(
 ) -> RunComparison:
     move, paths, scene, notes = compare_files(a, b, system)
     return RunComparison(
-        str(a.path),
-        str(b.path),
+        a=str(a.path),
+        b=str(b.path),
         clock="moves",
         same=paths.identical,
-        identical=False,
-        parameters={},
         scene=scene,
         compared="the moves, in their order; nothing else is in both",
         notes=tuple(notes),
@@ -316,13 +313,10 @@ def _lockstep(
     missing = gaps or any(parting.lacking)
     late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
     return RunComparison(
-        str(a.path),
-        str(b.path),
+        a=str(a.path),
+        b=str(b.path),
         clock="lockstep",
         same=not (differs or ends is not None or alone or odd or late or missing),
-        identical=False,
-        parameters={},
-        scene=None,
         compared=_compared(asked, side_by_side),
         notes=tuple(notes),
         message=message,

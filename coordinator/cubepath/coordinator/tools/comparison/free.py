@@ -71,13 +71,10 @@ def compare_free(a: Recording, b: Recording) -> RunComparison:
         beginning = "b" if not more[1] else "a" if not more[0] else None
     whole = bool(pairs) or not any(more)
     return RunComparison(
-        str(a.path),
-        str(b.path),
+        a=str(a.path),
+        b=str(b.path),
         clock="free",
         same=whole and not (pairs or lost or ends) and runs[0].odd == runs[1].odd,
-        identical=False,
-        parameters={},
-        scene=None,
         compared=_compared(runs, same, more),
         notes=tuple(notes),
         choice=choice,

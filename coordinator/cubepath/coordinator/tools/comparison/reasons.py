@@ -8,13 +8,8 @@ what differs, and not what that caused.
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from cubepath.coordinator.tools.comparison import moves
 from cubepath.coordinator.tools.comparison.lockstep import ClaimOutcomes
-from cubepath.coordinator.tools.comparison.moves import (
-    Contradiction,
-    Reading,
-    action_text,
-    scenes_text,
-)
 from cubepath.coordinator.tools.comparison.playing import (
     ChoiceOnRecord,
     ModuleHistory,
@@ -49,7 +44,7 @@ _WORDS = {"rule": "rule", "seed": "seed", "hesitate": "hesitation", "inputs": "s
 
 
 def explain_choice(
-    open_again: Callable[[int], Reading],
+    open_again: Callable[[int], moves.Reading],
     number: int,
     module: int,
     own: tuple[str | None, str | None],
@@ -71,11 +66,11 @@ def explain_choice(
     try:
         a = follow(readings[0], module, number, [one, *exchanged])
         b = follow(readings[1], module, number, [two, one])
-    except Contradiction as error:
+    except moves.Contradiction as error:
         empty = ChoiceContext("", {}, {}, "")
         line = f"{error}: the recording contradicts itself, so there is no explanation"
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
-    scene = scenes_text(*(reading.recording.scene for reading in readings))
+    scene = moves.scenes_text(*(reading.recording.scene for reading in readings))
     causes, why = _causes((a, b), (one, two), changed, since, scene)
     return ChoiceDifference(number, module, _side(a), _side(b), causes, why)
 
@@ -99,7 +94,7 @@ def _side(trail: ModuleHistory) -> ChoiceContext:
 
 
 def _choice_text(chosen: ChoiceOnRecord) -> str:
-    text = "stays" if chosen.action is None else f"claims {action_text(*chosen.action)}"
+    text = "stays" if chosen.action is None else f"claims {moves.action_text(*chosen.action)}"
     if chosen.note is not None:
         text += f", notes {list(chosen.note)}"
     return text if chosen.failed is None else f"{text}, gives up: {chosen.failed}"
@@ -289,7 +284,7 @@ def explain_outcome(found: ClaimOutcomes, a: Recording, b: Recording) -> Outcome
             why.append("claims and seed are the same, so one of the records is wrong")
     texts = [_outcome_text(said, found.module) for said in rounds]
     claim = rounds[0].said.get(("claim", found.module))
-    text = action_text(claim.generator, claim.at) if isinstance(claim, Claim) else "stays"
+    text = moves.action_text(claim.generator, claim.at) if isinstance(claim, Claim) else "stays"
     return OutcomeDifference(found.round, found.module, text, texts[0], texts[1], tuple(why))
 
 
@@ -306,7 +301,7 @@ def _claims(said: RecordedRound, system: System) -> _Claims:
             action = system.action(message.generator, at)
         except (InputError, TypeError, ValueError, IndexError):
             continue
-        found[module] = action_text(message.generator, message.at), action
+        found[module] = moves.action_text(message.generator, message.at), action
     return found
 
 

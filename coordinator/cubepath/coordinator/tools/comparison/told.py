@@ -4,8 +4,9 @@ Whatever has two sides has them as `a` and `b`, in the order of the arguments.
 """
 
 import textwrap
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import msgspec
@@ -146,7 +147,7 @@ class DifferingRounds:
     end: int | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunComparison:
     """Where two runs part, and why.
 
@@ -162,11 +163,11 @@ class RunComparison:
     same: bool
     """Whether nothing differs that modules sent and did, and nothing is missing in one alone or
     between rounds that were compared."""
-    identical: bool
+    identical: bool = False
     """Whether both files have the same bytes."""
-    parameters: dict[str, tuple[str | None, str | None]]
+    parameters: dict[str, tuple[str | None, str | None]] = field(default_factory=dict)
     """The parameters that differ; None where one is missing."""
-    scene: str | None
+    scene: str | None = None
     """One line on the first difference of the scenes, None if they are equal."""
     compared: str
     """What was compared, in one line."""
@@ -322,6 +323,12 @@ def _line(name: str, text: str) -> list[str]:
     return [f"{name if not number else '':<{_NAME}} {each}" for number, each in enumerate(wrapped)]
 
 
+def _lines(name: str, texts: Iterable[str]) -> Iterator[str]:
+    """Yield a name with texts beside it, each on lines that it does not share."""
+    for number, text in enumerate(texts):
+        yield from _line(name if not number else "", text)
+
+
 def _columns(name: str, a: str, b: str) -> Iterator[str]:
     """Yield two texts beside each other."""
     one, two = (textwrap.wrap(each, _COLUMN) or [""] for each in (a, b))
@@ -353,8 +360,7 @@ def _choice(choice: ChoiceDifference, found: RunComparison) -> Iterator[str]:
     for name, one, two in rows:
         if one or two:
             yield from _columns(name, one, "the same" if one == two else two)
-    for number, line in enumerate(choice.why):
-        yield from _line("  why" if not number else "", line)
+    yield from _lines("  why", choice.why)
 
 
 def _levels(choice: ChoiceDifference) -> str:
@@ -368,14 +374,10 @@ def _levels(choice: ChoiceDifference) -> str:
 
 
 def _sensed(side: ChoiceContext) -> str:
-    by_what: dict[str, list[str]] = {}
-    for place, what in side.sensed.items():
-        by_what.setdefault(what if what.startswith("module_") else f"\0{what}", []).append(place)
-    told = [f"{what} at {places[0]}" for what, places in by_what.items() if what[0] != "\0"]
-    for what, places in by_what.items():
-        if what[0] == "\0":
-            told.append(f"{len(places)} {what[1:]}")
-    return ", ".join(told)
+    modules = {what: place for place, what in side.sensed.items() if what.startswith("module_")}
+    others = Counter(what for what in side.sensed.values() if what not in modules)
+    told = [f"{what} at {place}" for what, place in modules.items()]
+    return ", ".join([*told, *(f"{count} {what}" for what, count in others.items())])
 
 
 def _notes(side: ChoiceContext) -> str:
@@ -383,12 +385,11 @@ def _notes(side: ChoiceContext) -> str:
 
 
 def _drew(side: ChoiceContext) -> str:
-    told = "" if side.drew is None else ", ".join(f"{each:.4f}" for each in side.drew[:4])
-    if side.drew is not None and len(side.drew) > 4:
-        told += f" and {len(side.drew) - 4} more"
-    if side.doubt is not None:
-        told += f"{'; ' if told else ''}{side.doubt:.4f} for hesitation"
-    return told
+    drew = side.drew or ()
+    told = ", ".join(f"{each:.4f}" for each in drew[:4])
+    told += f" and {len(drew) - 4} more" if len(drew) > 4 else ""
+    doubt = "" if side.doubt is None else f"{side.doubt:.4f} for hesitation"
+    return "; ".join(filter(None, [told, doubt]))
 
 
 def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
@@ -397,8 +398,7 @@ def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
         f"round {outcome.round}, module_{outcome.module} claims {outcome.claim}:"
         f" {outcome.a} in a, {outcome.b} in b",
     )
-    for number, line in enumerate(outcome.why):
-        yield from _line("  why" if not number else "", line)
+    yield from _lines("  why", outcome.why)
 
 
 def _message(message: MessageDifference, found: RunComparison) -> Iterator[str]:
@@ -423,19 +423,18 @@ def _moves(found: RunComparison) -> Iterator[str]:
         told = [each or "none" for each in (move.a, move.b)]
         where = f"{unit} {move.round}{who}" if found.clock != "free" else who.removeprefix(", ")
         yield from _line("first move", f"{where}: {told[0]} in a, {told[1]} in b")
-    for number, apart in enumerate(found.states[:_ROUNDS_MAX]):
-        begin = "from the start" if not apart.begin else f"from the end of {unit} {apart.begin} on"
-        end = (
-            "to the last compared"
-            if apart.end is None
-            else f"together again after {unit} {apart.end}"
-        )
-        yield from _line("states" if not number else "", f"apart {begin}, {end}")
+    yield from _lines("states", (_apart(each, unit) for each in found.states[:_ROUNDS_MAX]))
     if len(found.states) > _ROUNDS_MAX:
         yield from _line("", f"and apart {counted(len(found.states) - _ROUNDS_MAX, 'more time')}")
     yield from _table(found.rounds, unit)
     if found.paths is not None:
         yield from _paths(found.paths)
+
+
+def _apart(states: DifferingRounds, unit: str) -> str:
+    begin = f"from the end of {unit} {states.begin} on" if states.begin else "from the start"
+    again = f"together again after {unit} {states.end}"
+    return f"apart {begin}, {'to the last compared' if states.end is None else again}"
 
 
 def _table(rounds: Sequence[tuple[int, int, int, int]], unit: str) -> Iterator[str]:
@@ -453,19 +452,13 @@ def _paths(paths: PathComparison) -> Iterator[str]:
         yield from _line("edge paths", f"identical: {counted(paths.moves[0], 'move')}")
     else:
         yield from _line("moves", f"{paths.moves[0]} in a, {paths.moves[1]} in b")
-    yield from _line(
-        "cubes",
-        f"{paths.cubes[0]} in both"
-        if paths.cubes[0] == paths.cubes[1]
-        else f"{paths.cubes[0]} in a, {paths.cubes[1]} in b",
-    )
+    one, two = paths.cubes
+    yield from _line("cubes", f"{one} in both" if one == two else f"{one} in a, {two} in b")
     if not paths.identical:
         yield from _line("commutation", _equal(paths.same, "equal up to moves that commute"))
         yield from _line("homotopy", _equal(paths.homotopic, "homotopic"))
-        end = paths.end or "the same state"
-        yield from _line(
-            "end", end if paths.end_unknown is None else f"not known: {paths.end_unknown}"
-        )
+        unknown = None if paths.end_unknown is None else f"not known: {paths.end_unknown}"
+        yield from _line("end", unknown or paths.end or "the same state")
 
 
 def _equal(difference: str | None, word: str) -> str:

@@ -17,25 +17,13 @@ from typing import IO, Any, TypeAlias
 import msgspec
 
 from cubepath.coordinator.shortening.conversion import convert
-from cubepath.coordinator.tools.exports.viewers import (
-    ExportTimes,
-    LogTime,
-    times_of,
-    write_rerun,
-    write_viewer_mcap,
-)
+from cubepath.coordinator.tools.exports import viewers
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, written_whole
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.recordings.cutting import (
-    FILTERED,
-    SPLIT,
-    MessageSelection,
-    check_topics,
-    left_out,
-)
+from cubepath.protocol.recordings import cutting
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, read_undamaged, rounds_in_turn
 from cubepath.protocol.recordings.stored_messages import Record
@@ -56,7 +44,7 @@ _MADE_OF = {
     ("claims", "lockstep"): ("claim",),
 }
 """The kinds of messages that a table is made of."""
-_WHY = (*LEFT_OUT, FILTERED, SPLIT)
+_WHY = (*LEFT_OUT, cutting.FILTERED, cutting.SPLIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +56,7 @@ class RowSelection:
     """
 
     table: str = "moves"
-    selection: MessageSelection = MessageSelection()  # noqa: RUF009 - it is not changed
+    selection: cutting.MessageSelection = cutting.MessageSelection()  # noqa: RUF009 - it is not changed
     kinds: tuple[str, ...] = ()
 
 
@@ -110,7 +98,7 @@ def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
     return RecordingTable(columns, _within(_derived(recording, name), selection))
 
 
-def check_levels(recording: Recording, selection: MessageSelection) -> None:
+def check_levels(recording: Recording, selection: cutting.MessageSelection) -> None:
     """Raise InputError if a range of levels is asked of messages that have wall clock times."""
     asked = selection.first is not None or selection.until is not None
     if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
@@ -123,7 +111,7 @@ def check_levels(recording: Recording, selection: MessageSelection) -> None:
 def _check_there(recording: Recording, name: str) -> None:
     """Raise InputError if a table would be empty for want of what was left out."""
     kinds = _MADE_OF.get((name, recording.clock))
-    left = left_out(recording) or any(key in recording.parameters for key in LEFT_OUT)
+    left = cutting.left_out(recording) or any(key in recording.parameters for key in LEFT_OUT)
     if kinds is None or not left or next(recording.of_kind(*kinds), None) is not None:
         return
     why = [f"{key} {told}" for key, told in recording.parameters.items() if key in _WHY]
@@ -138,7 +126,7 @@ def _columns(made: Callable[[], Mapping[str, Any]], recording: Recording) -> tup
     return tuple(getattr(replace(recording, records=()), made.__name__)())
 
 
-def _within(batches: Iterable[Rows], selection: MessageSelection) -> Iterator[Rows]:
+def _within(batches: Iterable[Rows], selection: cutting.MessageSelection) -> Iterator[Rows]:
     """Yield the rows of a range of rounds; the round is the first column."""
     first = 0 if selection.first is None else selection.first
     last = inf if selection.until is None else selection.until
@@ -377,7 +365,7 @@ def export(
     topics: Sequence[str] = (),
     exclude: Sequence[str] = (),
     kinds: Sequence[str] = (),
-    log_time: LogTime | None = None,
+    log_time: viewers.LogTime | None = None,
     round_seconds: float | None = None,
     foxglove: bool = False,
 ) -> ExportResult:
@@ -408,11 +396,11 @@ def export(
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
     wanted = RowSelection(
-        table, MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
+        table, cutting.MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
     )
-    check_topics(recording, wanted.selection)
+    cutting.check_topics(recording, wanted.selection)
     if named in VIEWERS:
-        times = times_of(recording, log_time, round_seconds)
+        times = viewers.times_of(recording, log_time, round_seconds)
         return _viewed(recording, out, named, wanted, times, in_space=foxglove)
     if log_time is not None or round_seconds is not None or foxglove:
         raise InputError(
@@ -436,7 +424,7 @@ def _viewed(
     out: Path,
     form: str,
     wanted: RowSelection,
-    times: ExportTimes,
+    times: viewers.ExportTimes,
     *,
     in_space: bool,
 ) -> ExportResult:
@@ -452,9 +440,9 @@ def _viewed(
         check_levels(recording, selection)
     with written_whole(out) as stream:
         if form == "rrd":
-            rounds = write_rerun(stream, recording, times=times, selection=selection)
+            rounds = viewers.write_rerun(stream, recording, times=times, selection=selection)
             return ExportResult("rounds", form, rounds)
-        count = write_viewer_mcap(
+        count = viewers.write_viewer_mcap(
             stream, recording, times=times, selection=selection, in_space=in_space
         )
     return ExportResult("messages", form, count)

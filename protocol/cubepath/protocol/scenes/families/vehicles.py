@@ -20,13 +20,7 @@ from cubepath.protocol.scenes.random_scenes import (
     walked,
 )
 from cubepath.protocol.scenes.registry import Family, Values, whole
-from cubepath.protocol.systems import graphs
-from cubepath.protocol.systems.benchmarks import (
-    BenchmarkTask,
-    graph_from_yaml,
-    task_from_scen,
-    task_from_yaml,
-)
+from cubepath.protocol.systems import benchmarks, graphs
 from cubepath.protocol.systems.graph import GraphSystem
 
 _GRAPH = "grid6x6"
@@ -57,17 +51,17 @@ def _agv(name: str, values: Values) -> Scene:
 def _of_scene(values: Values) -> tuple[graphs.Graph, Sequence[Site], Sequence[Site]]:
     """Return the graph, starts and goals of a scene's file: of its first n vehicles, or of all."""
     path, on = Path(values["scene"]), values["graph"]
-    task: graphs.PlannerInstance | BenchmarkTask
+    task: graphs.PlannerInstance | benchmarks.BenchmarkTask
     if path.suffix == ".scen":
-        task = task_from_scen(path)
+        task = benchmarks.task_from_scen(path)
         if Path(on).name != Path(task.map_name).name:
             raise InputError(f"{path}: on {task.map_name}, expected graph=FILE of that name")
         graph = _graph(values)
     elif path.suffix in _YAML:
-        task = task_from_yaml(path, values["entry"])
+        task = benchmarks.task_from_yaml(path, values["entry"])
         if Path(on).suffix not in _YAML:
             raise InputError(f"{path}: on {task.map_name}, expected graph=FILE.yaml with that map")
-        graph = graph_from_yaml(Path(on), task.map_name)
+        graph = benchmarks.graph_from_yaml(Path(on), task.map_name)
     else:
         task = graphs.scenario_from_json(path)
         graph = _graph(values) if on else task.graph
@@ -77,7 +71,7 @@ def _of_scene(values: Values) -> tuple[graphs.Graph, Sequence[Site], Sequence[Si
         if count > len(starts):
             raise InputError(f"n={count}: the scene has {len(starts)} vehicles")
         starts, goals = starts[:count], goals[:count]
-    if isinstance(task, BenchmarkTask):
+    if isinstance(task, benchmarks.BenchmarkTask):
         graphs.check_vehicles(
             str(path), graph, task.starts[: len(starts)], task.goals[: len(starts)]
         )
@@ -87,7 +81,7 @@ def _of_scene(values: Values) -> tuple[graphs.Graph, Sequence[Site], Sequence[Si
 def _graph(values: Values) -> graphs.Graph:
     name = values["graph"] or _GRAPH
     if Path(name).suffix in _YAML:
-        return graph_from_yaml(Path(name), values["entry"])
+        return benchmarks.graph_from_yaml(Path(name), values["entry"])
     if values["entry"]:
         raise InputError(f"entry={values['entry']}: expected graph=FILE.yaml too")
     return graphs.graph_from_name(name)
