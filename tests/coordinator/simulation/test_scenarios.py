@@ -42,7 +42,8 @@ def test_a_rule_that_refuses_the_scene_is_not_drawn(clock: str) -> None:
     assert fitting_rules(built("hex-shapes:n=5"), clock) == ["random", "metropolis", "leader"]
     own = ["random", "metropolis", "chain", "chains", "leader"]
     assert fitting_rules(built("hex:n=5"), clock) == own
-    own.remove("chain")
+    if clock == "lockstep":  # without rounds, chain refuses it only once it sees the start
+        own.remove("chain")
     assert fitting_rules(built("hex:n=5,aside=1"), clock) == own
 
 
