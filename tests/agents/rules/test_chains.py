@@ -191,7 +191,7 @@ def test_a_start_that_is_no_chain_fails_in_one_line(
     scene = Scene("bent", "hex", system, start, frozenset(goals), (goals,) * 3)
     played = play(scene, CHAINS) if clock == "lockstep" else play_free(scene, CHAINS)
     assert played.failed is not None
-    assert "no straight chain of 3 modules begins at" in played.failed
+    assert "no straight chain of 3 modules stands at" in played.failed
 
 
 def test_a_box_that_is_too_small_is_refused_in_one_line() -> None:

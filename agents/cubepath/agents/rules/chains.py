@@ -114,9 +114,10 @@ class _Module:
             place, way = along(row.first, here)
             if way in (None, ahead) and (after in beside) == (place < self._count - 1):
                 return self._told(known)
-        return Choice(failed=f"no straight chain of {self._count} modules begins at {here}")
+        return Choice(failed=f"no straight chain of {self._count} modules stands at {here}")
 
     def _told(self, known: Progress) -> Choice:
+        """Say what the start is, unless there is no room for a way to the goal."""
         try:
             self._stages(known.start(self._count))
         except InputError as error:
@@ -130,6 +131,7 @@ class _Module:
         return self._route[1]
 
     def _with_room(self, start: Row) -> Stages:
+        """Return that route, found anew."""
         refused = InputError("")
         for stages in routes(start, self._goal):
             ends = [start, *(Row(task.head, task.ahead, task.count) for task in stages)]
