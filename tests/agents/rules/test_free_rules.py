@@ -22,6 +22,7 @@ from samples.local_families import LOCAL_FAMILIES
 SCENES = {
     "random": "sliding:p=3,q=2,n=4",
     "chain": "hex:n=5",
+    "chains": "hex:n=4,bend=0,aside=1",
     "word": "arm:n=5",
     "crossing": "polygon:n=7",
     "geodesic": "assembly:kind=wall,n=3",

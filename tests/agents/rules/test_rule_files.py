@@ -104,7 +104,7 @@ def test_a_rule_that_cannot_tell_what_it_fits_leaves_the_others_usable(
     assert f"rule 'broken' ({file}): its fits: ZeroDivisionError: division by zero" in line
     system = scene_from_spec("hex:n=3").system
     with pytest.raises(
-        InputError, match=r"'x', expected one of random, metropolis, chain, leader$"
+        InputError, match=r"'x', expected one of random, metropolis, chain, chains, leader$"
     ):
         rule_named("x", system)
 

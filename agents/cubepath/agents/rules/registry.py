@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.chains import CHAINS
 from cubepath.agents.rules.compression import COMPRESSION
 from cubepath.agents.rules.descent import CROSSING, GEODESIC
 from cubepath.agents.rules.leader import LEADER
@@ -147,7 +148,7 @@ GROUP = "cubepath.rules"
 CLOCKS = ("lockstep", "free")
 
 _OWN = (
-    *(RANDOM, METROPOLIS, CHAIN, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL),
+    *(RANDOM, METROPOLIS, CHAIN, CHAINS, TSWAP, PIBT, WORD, CROSSING, GEODESIC, TUNNEL),
     *(COMPRESSION, LEADER),
 )
 BUILT_IN = {rule.name: rule for rule in _OWN}

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.scenes.registry import MODULES_MAX, Family, Values, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 _FLOOR, _LINE, _CEILING = 0, 1, 3
@@ -286,7 +286,8 @@ def _hex(name: str, values: Values) -> Scene:
 
     The start runs along direction 0 from cell (0, 0). The goal begins at its end; `bend` is the
     angle between the two chains, 60 or 120 degrees on either side, or 0 for a slide along the
-    same line, `shift` cells ahead.
+    same line, `shift` cells ahead. Then the goal is moved by `along` cells in direction 0 and
+    `aside` cells in direction 1: to be parallel, or to cross the start, or to lie elsewhere.
 
     With `base` 1 the cell (-1, 0), next to module 0, is an obstacle that is on, the paper's base
     cell. The first catalogue holds the aggregate to it, so the goal begins next to it, too, and
@@ -315,12 +316,15 @@ def _hex(name: str, values: Values) -> Scene:
         filled = ((-1, 0),)
         ahead = HEX_DIRECTIONS[3 - turns[bend]]
         head = (ahead[0] - 1, ahead[1])
+    moved = [whole(values, key, least=-MODULES_MAX) for key in ("along", "aside")]
+    head = (head[0] + moved[0], head[1] + moved[1])
     goals: tuple[Cell, ...] = tuple(
         (head[0] + step * ahead[0], head[1] + step * ahead[1]) for step in range(count)
     )
     workspace = None
     if name == "hex-open":
-        workspace = walled([*start, *goals])
+        # A chain that goes to a parallel one stands across both in between.
+        workspace = walled([*start, *goals], 3 + count * any(moved))
     system = LatticeSystem(
         hex_catalogue(keeps_topology=name == "hex"), workspace=workspace, filled=filled
     )
@@ -338,6 +342,8 @@ _KEYS = {
     "n": ("7", "number of modules"),
     "bend": ("120", "angle between the two chains: 60, 120, -60, -120, or 0 for a slide"),
     "shift": ("1", "for bend=0: how far ahead the goal lies, 0 to n"),
+    "along": ("0", "by how many cells the goal is moved along the start, for the rule chains"),
+    "aside": ("0", "by how many cells it is moved to the side, in direction 1"),
     "base": ("0", "1 for a fixed base cell, an obstacle next to module 0, from which both go out"),
 }
 FAMILIES = (
