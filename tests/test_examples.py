@@ -79,7 +79,7 @@ def held(test: doctest.DocTest, before: dict[str, object]) -> set[str]:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)  # all of them are one test
 def test_examples_hold_and_show_the_classes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -224,6 +224,7 @@ def test_shapes_are_as_many_as_is_known() -> None:
             assert sum(many for _, many in row["holes"].values()) == row["components"]
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("size", range(1, 8))
 def test_components_come_out_again(size: int) -> None:
     """Both catalogues."""

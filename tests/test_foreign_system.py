@@ -188,6 +188,7 @@ def test_its_optimum_is_proved_in_a_file(commands: Commands) -> None:
     assert (checked["refuted"], checked["cubes"], checked["optimal"]) == (2, 3, True)
 
 
+@pytest.mark.thorough
 def test_its_own_bound_and_argument_are_used(commands: Commands) -> None:
     """Two neighbours never flip at one time: what the class says of that is the bound."""
     (commands.folder / "two.jsonl").write_text(

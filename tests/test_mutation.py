@@ -121,7 +121,7 @@ def test_a_change_is_in_the_function_around_it() -> None:
     assert list(dict.fromkeys(each.function for each in found)) == ["", "A", "A.f.g"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_mutant_of_the_fixed_list_has_one_place() -> None:
     """Rename it in the list together with its function, and what it finds can be compared."""
     wanted = fixed_mutants()

@@ -21,6 +21,7 @@ def asked_for() -> set[str]:
     }
 
 
+@pytest.mark.thorough
 def test_what_is_asked_for_is_in_the_table_and_no_more() -> None:
     """A name that is misspelt in a call, or that nobody asks for, is found here."""
     assert asked_for() == set(plugins._FUNCTIONS)

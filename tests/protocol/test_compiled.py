@@ -35,7 +35,7 @@ def clique(cache: Path, most: int) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_a_full_disk_it_is_compiled_all_the_same(tmp_path: Path) -> None:
     """No file may grow beyond a hundred bytes: nothing is kept, and the answer is right."""
     done = clique(tmp_path, 100)

@@ -75,7 +75,7 @@ def _killed(folder: Path, lines: int) -> bool:
     return os.WIFSIGNALED(status)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_incarnations_are_whole_wherever_the_process_is_killed_that_writes_them(
     tmp_path: Path,
 ) -> None:

@@ -342,6 +342,7 @@ def test_of_too_many_sites_nothing_says_what_leads_nearer(places: int) -> None:
     assert parts["nearer"].start == parts["nearer"].stop == 1 + len(system.letters)
 
 
+@pytest.mark.thorough
 def test_modules_with_the_same_goals_share_what_they_know() -> None:
     """And nobody keeps it longer than the system and its modules."""
     scene = scene_from_spec("agv:graph=grid3x3,n=2")

@@ -139,8 +139,8 @@ def kernel(rule: RuleType, shapes: list[Shape]) -> NDArray[np.float64]:
         (2, 4.0),
         (3, 4.0),
         pytest.param(4, 4.0, marks=pytest.mark.slow),
-        pytest.param(4, 0.5, marks=pytest.mark.slow),
-        pytest.param(5, 4.0, marks=pytest.mark.slow),
+        pytest.param(4, 0.5, marks=pytest.mark.thorough),
+        pytest.param(5, 4.0, marks=pytest.mark.thorough),
         pytest.param(5, 2.0, marks=pytest.mark.thorough),
     ],
 )
@@ -230,11 +230,11 @@ def test_on_the_wire_rounds_are_the_same() -> None:
 @pytest.mark.timeout(3600)
 @pytest.mark.nightly
 def test_on_the_wire_the_distribution_is_the_same() -> None:
-    """Of 32 runs of 60,000 rounds in arrays, the mean is 0.012 and the farthest 0.021."""
-    rounds = wire_sites(60_000, seed=2)
+    """The whole interval is below 0.03. A quarter of the rounds leave 0.012 in the mean."""
+    rounds = wire_sites(240_000, seed=2)
     found = distance([[at_origin(rounds[number].values()) for number in sorted(rounds)]], DUE)
     print(found)
-    assert found.found < 0.03
+    assert found.most < 0.03
 
 
 @pytest.mark.slow

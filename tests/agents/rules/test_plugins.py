@@ -153,7 +153,7 @@ def test_a_rule_is_found_beside_a_broken_entry_point(
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_modules_import_nothing_from_the_working_folder(tmp_path: Path) -> None:
     """A file called like a library beside the user does not break the processes."""
     (tmp_path / "queue.py").write_text("raise RuntimeError('shadowed')\n")

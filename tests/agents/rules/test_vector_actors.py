@@ -97,6 +97,7 @@ def test_arms_turn_the_same(spec: str, hesitate: float, left: int) -> None:
     assert all(side.scene.reached(world.sites) for world in side.worlds)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(("left", "hesitate"), WAYS)
 def test_compressing_modules_step_the_same(hesitate: float, left: int) -> None:

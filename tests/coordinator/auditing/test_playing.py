@@ -262,6 +262,7 @@ def test_a_move_of_the_schedule_at_no_place_is_no_crash(at: object) -> None:
     assert {"choices", "schedule"} <= failing(found)
 
 
+@pytest.mark.thorough
 def test_all_modules_whose_processes_name_rules_of_their_own_are_named() -> None:
     """By rule, also where the rule of the others is not installed."""
     found = recorded("agv:graph=grid6x6,n=6", processes=4)

@@ -48,7 +48,7 @@ def test_info_tells_the_clock_and_the_keepers(capsys: pytest.CaptureFixture[str]
     assert {"attempt", "decision", "place", "turn", "enter", "forwarded"} <= counted.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_shorten_convert_and_view_read_it(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

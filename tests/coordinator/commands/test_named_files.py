@@ -183,7 +183,7 @@ def test_the_certificate_beside_cubes_is_there(
     assert line.startswith("cubepath: cubes.certificate.json: leads out of .")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_name_in_a_recording_opens_no_file(given: Path) -> None:
     """Of the scene, or in its parameters: nothing of that name is read."""
     mine = given.parent / "mine"

@@ -34,7 +34,7 @@ def test_what_names_no_modules_is_refused(text: str) -> None:
         module_numbers(text)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_rules_sweep_and_run_agree_on_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
     """Every rule on the default scene of every family."""
     assert main(["rule", "list", "--json"]) == 0

@@ -73,6 +73,7 @@ def test_the_answer_in_words(tmp_path: Path) -> None:
     assert lines[0][:2] == ["seeds                       1", "failures                    0"]
 
 
+@pytest.mark.thorough
 def test_a_failing_seed_is_told_and_kept(tmp_path: Path, fickle: dict[str, str]) -> None:
     """One line with what failed, the command that replays it and the log; exit code 1."""
     options = ["--system", "agv:graph=K3,n=2", "--rule", "fickle"]
@@ -91,6 +92,7 @@ def test_a_failing_seed_is_told_and_kept(tmp_path: Path, fickle: dict[str, str])
     assert all(Path(picture).exists() for picture in failed["pictures"])
 
 
+@pytest.mark.thorough
 def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, str]) -> None:
     """It fails without any fault, which is told; what there is of a recording can be read."""
     options = ["--seeds", "4..4", "--system", "agv:graph=K3,n=2", "--rule", "broken"]

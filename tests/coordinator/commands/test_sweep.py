@@ -45,6 +45,7 @@ def test_a_dry_run_lists_what_would_be_played(
     assert [each.name for each in tmp_path.iterdir()] == ["spec.toml"]
 
 
+@pytest.mark.thorough
 def test_a_rule_that_fails_is_told_when_all_others_were_played(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

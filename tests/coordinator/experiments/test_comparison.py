@@ -258,7 +258,7 @@ def test_published_figures_that_cannot_be_are_refused(
         sweep_of([str(tmp_path / "own.toml")], {"data": str(DATA)})
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_standard_instances_fit_a_rule_each() -> None:
     """The sweep of all of them leaves no instance out."""
     found = expand(sweep_of(["instances-1"], {}))

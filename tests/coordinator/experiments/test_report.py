@@ -153,6 +153,7 @@ def test_growth_is_that_of_the_means(folder: Path) -> None:
     assert moves["exponent"]["low"] < 2 < moves["exponent"]["high"] < 2.5
 
 
+@pytest.mark.thorough
 def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None:
     """A rule that never arrives stands at the limit with its share, and others beside theirs."""
     rows = short_names(read_sweep(folder).rows)

@@ -188,7 +188,7 @@ def test_a_run_over_its_limit_is_played_again_with_a_longer_one(tmp_path: Path) 
     assert (found.known, [row["ended"] for row in found.rows]) == (0, ["goal"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_rules_from_elsewhere_are_played_apart(tmp_path: Path) -> None:
     """However little there is to play: one that ends its process, or never ends, is a row."""
     ends = mine(tmp_path, "os._exit(0)")

@@ -91,6 +91,7 @@ def test_hosts_on_several_addresses_give_the_same_path(commands: Commands, diges
     assert router.end()[0] == 130
 
 
+@pytest.mark.thorough
 def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, digest: str) -> None:
     """One process that joins can have them all."""
     runs = commands.start("run", *SYSTEM, f"--listen={LOOPBACK}", "--wait-for=1", "--json")

@@ -74,6 +74,7 @@ def test_nothing_is_left(tmp_path: Path, victims: tuple[str, ...]) -> None:
     soon(lambda: not any(Path(f"/proc/{pid}").exists() for pid in everyone), "some still run")
 
 
+@pytest.mark.thorough
 def test_a_run_that_was_refused_leaves_no_folder(tmp_path: Path) -> None:
     """Nor one that could not begin."""
     with Commands(tmp_path) as commands:

@@ -15,6 +15,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 SPECS = ("hex:n=4", "agv-labelled:graph=grid3x3,n=3", "arm:n=4", "polygon:n=6", "sliding:n=3")
 
 
+@pytest.mark.thorough
 @given(st.sampled_from(SPECS), st.integers(0, 1000))
 def test_a_played_path_is_shortened_as_its_actions_are(spec: str, seed: int) -> None:
     """By the compiled heap of numbered moves and by the plain one of actions."""

@@ -187,7 +187,7 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
     assert liars.keys() == {0, 1, 2}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_some_seeds_with_liars_hold() -> None:
     """No honest process dies or is accused, and each path is verified."""
     runs = [LockstepSwarm(LYING).run_of(seed) for seed in range(8)]

@@ -14,7 +14,7 @@ def test_every_local_family_has_instances() -> None:
     assert set(INSTANCES) == set(LOCAL_FAMILIES)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_system_with_every_rule_that_fits_is_drawn() -> None:
     """Of 600 seeds; one in twenty is large, and all others have few modules."""
     scenarios = [scenario_of(seed) for seed in range(600)]

@@ -149,6 +149,7 @@ def test_order_and_counts() -> None:
         log.count("reports_")
 
 
+@pytest.mark.thorough
 def test_the_same_run_has_the_same_messages_of_modules_in_any_number_of_processes() -> None:
     """Deliveries differ: a process puts all that its modules say to a region into one."""
     logs = [

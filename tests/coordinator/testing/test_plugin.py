@@ -50,6 +50,7 @@ def pytest_unconfigure(config):
 """
 
 
+@pytest.mark.thorough
 def test_nothing_heavy_is_imported_before_a_fixture_is_asked_for(tmp_path: Path) -> None:
     """In a project that has no tests of cubepath, with the plugin in it."""
     bare = ("--collect-only", "-p", "no:hypothesispytest", "-p", "no:randomly")
@@ -70,6 +71,7 @@ sys.exit(main(["system", "list", "--json"]))
 """
 
 
+@pytest.mark.thorough
 def test_cubepath_works_without_pytest() -> None:
     """Every public name, and the command line."""
     done = subprocess.run(
@@ -78,6 +80,7 @@ def test_cubepath_works_without_pytest() -> None:
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+@pytest.mark.thorough
 def test_without_hypothesis_the_strategies_say_so() -> None:
     """In one line, with what to install."""
     text = "import sys; sys.modules['hypothesis'] = None; from cubepath.coordinator.testing import "
@@ -107,6 +110,7 @@ def ids(folder: Path, *options: str) -> list[str]:
     return re.findall(r"^test_mine.py::(\S+)$", text, re.MULTILINE)
 
 
+@pytest.mark.thorough
 def test_seeds_are_those_asked_for(tmp_path: Path) -> None:
     """On the command line, else by the marker, else in the ini; else 0, which has no name."""
     marked = ["test_marked[seed3]", "test_marked[seed5]"]
@@ -232,6 +236,7 @@ def test_option(cubepath_run): pass
 """
 
 
+@pytest.mark.thorough
 def test_what_is_wrong_in_a_test_is_told_without_frames_of_ours(tmp_path: Path) -> None:
     """In fixtures, methods and markers; those of the test are shown, its functions too."""
     (tmp_path / "test_seeds.py").write_text(WRONG_SEEDS)

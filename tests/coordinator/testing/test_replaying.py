@@ -99,6 +99,7 @@ def test_a_process_that_does_not_listen_is_told(cubepath_replay: ReplayFixture) 
         cubepath_replay.to(GOLDEN / "agv-3.mcap", command)
 
 
+@pytest.mark.thorough
 def test_live_modules_are_tried_against_a_log(cubepath_replay: ReplayFixture) -> None:
     """The same to the end; a divergence fails the test, and no divergence one that expects it."""
     path = GOLDEN / "hex-5.mcap"

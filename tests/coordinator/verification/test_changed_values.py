@@ -5,7 +5,7 @@ import pytest
 from changed_values import Raised, answers
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("count", "seed"),
     [(150, 0), pytest.param(5000, 1, marks=[pytest.mark.nightly, pytest.mark.timeout(400)])],

@@ -357,7 +357,7 @@ def lines_per_message(moves: int) -> float:
     return lines_of(lambda: verify(recording)) / len(recording.records)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_message_takes_as_long_to_check_in_a_longer_run() -> None:
     """However often the places around a module have changed."""
     assert lines_per_message(240) < 1.1 * lines_per_message(40)

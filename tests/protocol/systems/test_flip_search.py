@@ -154,6 +154,7 @@ def edges_of(sites: State) -> list[Edge]:
     return [edge_of(*edge) for edge in in_order(sites) if isinstance(edge, tuple)]
 
 
+@pytest.mark.thorough
 @given(on_grid(12), st.integers(0, 99))
 def test_walks_cross_what_the_edges_cross(points: list[Point], seed: int) -> None:
     """Following each edge counts as many crossings as comparing it with all the others."""

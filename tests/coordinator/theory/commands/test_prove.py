@@ -50,7 +50,7 @@ def test_the_time_of_a_command_includes_its_search(capsys: Capture) -> None:
     assert longest > 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_optimum_is_proved_and_written(tmp_path: Path, capsys: Capture) -> None:
     """The schedule comes out like any other, and the proof beside it."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "path.proof"
@@ -74,7 +74,7 @@ def test_all_seeds_find_the_same_numbers(seed: str, capsys: Capture) -> None:
     assert (found["improved"], found["lower_bound"], found["optimal"]) == (13, 13, True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_vehicles_with_goals_of_their_own_keep_them(tmp_path: Path, capsys: Capture) -> None:
     """The clauses know labels, the schedule that is written does not."""
     cubes, proof = tmp_path / "cubes.jsonl", tmp_path / "grid.proof"
@@ -148,7 +148,7 @@ def test_one_round(tmp_path: Path, capsys: Capture) -> None:
     assert found["proof"] is not None
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_too_large_is_told_in_its_row(tmp_path: Path, capsys: Capture) -> None:
     """Why nothing was proved, without a proof file."""
     assert main(["improve", ALGAE, "--prove", "2", "--proof", str(tmp_path / "a.proof")]) == 0

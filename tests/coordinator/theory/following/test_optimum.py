@@ -92,6 +92,7 @@ def test_many_that_meet_at_one_vertex() -> None:
     assert least > task.least
 
 
+@pytest.mark.thorough
 def test_random_plans_are_never_below_the_optimum() -> None:
     """The process of the solver says what the solver says here, and files hold."""
     shorter = 0

@@ -188,6 +188,7 @@ def same_clauses(told: OptimalityProof, ours: Obvious) -> None:
     assert clauses_of(ClaimedRefutation(told)) == expected
 
 
+@pytest.mark.thorough
 @settings(max_examples=20)
 @given(scene=listed_scenes(), seed=st.integers(0, 99), alone=st.booleans())
 def test_proofs_of_random_systems(scene: Scene, seed: int, alone: bool) -> None:

@@ -129,6 +129,7 @@ def test_what_is_known_to_be_optimal_is_refuted_once_more_if_asked_for() -> None
     assert told.refutation.rounds == len(best) - 1
 
 
+@pytest.mark.thorough
 def test_a_bound_that_was_known_is_refuted_where_a_path_meets_it() -> None:
     """The bound comes from elsewhere, the path from here: clauses prove that none is shorter."""
     met, path = given("hex:n=5", 60, 4)
@@ -140,6 +141,7 @@ def test_a_bound_that_was_known_is_refuted_where_a_path_meets_it() -> None:
     assert told.refutation.rounds == best - 1
 
 
+@pytest.mark.thorough
 def test_two_solvers_agree_where_the_log_is_too_long() -> None:
     """That is no proof: the bound stays at what is refuted by a log that can be checked."""
     task = task_of(shorten(GOLDEN / "hex-5.mcap"))

@@ -124,7 +124,7 @@ def test_a_log_that_is_too_long_is_given_up() -> None:
         assert file.read() == b""
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_log_that_grows_takes_no_place_any_more() -> None:
     """While the solver goes on, what it has written is dropped, again and again."""
     most = 1 << 20

@@ -92,6 +92,7 @@ def test_an_improvement_is_never_worse(data: st.DataObject) -> None:
     checked(where, walk, iterations=data.draw(st.integers(0, 6)), seed=data.draw(st.integers(0, 9)))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("spec", ["agv:graph=grid4x4,n=4", "hex:n=6", "triangulation:n=12"])
 def test_the_same_seed_finds_the_same_path(spec: str) -> None:
     """Bounded by iterations, nothing but input and seed counts."""

@@ -126,6 +126,7 @@ def is_route(near: Numbers, row: list[int]) -> bool:
     return all(here == there or there in near[here].tolist() for here, there in pairwise(row))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("spec", SPECS)
 def test_a_route_costs_what_a_plain_search_finds(spec: str) -> None:
     """By dynamic programming in windows or by Dijkstra's algorithm: one cost, and its route."""

@@ -64,7 +64,7 @@ def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixt
     assert shown[0] != shown[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_scene_is_drawn_with_its_start_and_its_goal(tmp_path: Path) -> None:
     """Side by side, from a name or a file; at the goal labels say which module is which."""
     toml = tmp_path / "own.toml"

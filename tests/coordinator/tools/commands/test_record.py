@@ -26,6 +26,7 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
         yield found
 
 
+@pytest.mark.thorough
 def test_the_line_that_a_run_says_of_itself_is_what_record_takes(
     commands: Commands, tmp_path: Path
 ) -> None:
