@@ -11,7 +11,8 @@ from hypothesis import given, settings, strategies as st
 from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.pibt import PIBT, PushNote, patience
+from cubepath.agents.rules.pibt import PIBT, PushNote
+from cubepath.agents.rules.pibt_free import patience
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
