@@ -78,6 +78,11 @@ class Vehicle(Generic[NoteT]):
         here = self._graph.vertices[self._place]
         return f"no way from {here!r} to the goal {self._knowledge.goals[0]!r}"
 
+    def _next(self, place: int, goal: int, taken: Collection[int]) -> int:
+        """Return the next vertex on the way, an empty one if possible; at the goal the place."""
+        ways = self._roads.nearer(place, goal)
+        return min(ways, key=lambda way: (way in taken, way), default=place)
+
     def _action(self, view: View, to: int) -> int:
         """Return the action that enters a vertex; to stay, if that is not possible."""
         place_of, vertices = view.system.place_of, self._graph.vertices
