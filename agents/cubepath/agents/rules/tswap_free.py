@@ -110,9 +110,9 @@ class FreeTswapVehicle(Vehicle[GoalRegister]):
             return Choice()
         if mine.carried != NOTHING:
             return self._pass_on(mine, here)
-        return self._move(view, mine, here) or self._wait(view, mine, here)
+        return self._move(view, mine, here) or self._wait(mine, here)
 
-    def _wait(self, view: View, mine: GoalRegister, here: int) -> Choice:
+    def _wait(self, mine: GoalRegister, here: int) -> Choice:
         """Return what to do behind the vehicle ahead."""
         ahead = self._heard.get(mine.want)
         turned = None if mine.held else self._turn(mine, here)
