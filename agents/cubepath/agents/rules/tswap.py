@@ -49,6 +49,15 @@ drawn at random, so a short cycle rotates with probability one; in a longer one 
   latest; then all vehicles pass on the highest number in the cycle, and only that one returns. So
   a cycle that none leaves rotates within 3k rounds.
 
+Some rounds bring nothing: neither a move nor a smaller F. On dense grids these are the rounds in
+which a long cycle is found, while all the rest stands. No rule whose notes go two vertices a round
+can do without them, as long as F must not grow. Take a blocked cycle of k vehicles that are equally
+far from their goals, on a graph in which any two neighbours differ by one in their distance to a
+goal. There an exchange of neighbours takes one goal nearer and another further, which raises F,
+and only a turn of the whole cycle lowers it. A line of vehicles that stand and want alike, but for
+the vertex opposite, looks the same to each for k/4 rounds, and if it turned, the goal of its first
+vehicle would go to its last. So about k/4 rounds must pass; the rule takes up to 3k.
+
 Hesitation and lost claims only cost time, since wants and goals do not depend on them. Distances
 are those of the static map; a vehicle without a way to its goal at birth gives up in one line,
 since it cannot know which goals in its part of the map are held by vehicles elsewhere.
@@ -237,16 +246,8 @@ class _Vehicle(Vehicle[ExchangeNote]):
     def _say(self, view: View, probe: tuple[int, int]) -> Choice:
         self._second = self._next(self._want, self._goal, self._heard)
         held = int(self._passed_on or self._countdown > 0)
-        note = ExchangeNote(
-            self._goal,
-            self._want,
-            self._second,
-            *probe,
-            self._countdown,
-            held,
-            self._height,
-            NOBODY,
-        )
+        known = self._goal, self._want, self._second, *probe, self._countdown, held, self._height
+        note = ExchangeNote(*known, grant=NOBODY)
         note = self._said = note._replace(grant=self._grant(note))
         return Choice(self._action(view, self._want), tuple(note), self._failed)
 
