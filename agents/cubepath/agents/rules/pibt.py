@@ -6,8 +6,10 @@ hindrance as in PIBT with hindrance and regret (arXiv 2505.12623); made local, a
 which no vehicle enters a vertex that another leaves. In such rounds, inheritance reserves: the
 pushed vehicle goes first, and the pusher waits.
 
-*Priority.* A vehicle is stronger the longer it has been away from its goal; ties go to the smaller
-number. Its key is the round in which it was last at its goal, and its number: smaller is stronger.
+*Priority.* A vehicle is stronger the longer it has been away from its goal; ties go to the goal
+that is remoter, by the sum of its distances on the static map, since vehicles that rest at the rim
+are in nobody's way; then to the smaller number. Its key is the round in which it was last at its
+goal, minus that sum, and its number: smaller is stronger.
 *Going.* It claims an empty vertex nearer to its goal; if there is none, it stands at p and pushes
 the vehicle at a nearer vertex w, unless that vehicle acts for a stronger one. It announces a push
 one round ahead if it can foresee it. If all nearer vertices are held for stronger vehicles, it
@@ -63,8 +65,10 @@ from cubepath.agents.rules.pibt_free import FreePibtVehicle, PushRegister, patie
 from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleType
 from cubepath.agents.rules.vehicle import NOWHERE, Key, PushedVehicle
 
-STEP_ASIDE = 0.3
+STEP_ASIDE = 0.6
 """How often a vehicle makes room while stronger ones act."""
+MOST_REMOTE = (1 << 31) - 1
+"""What a note can hold; goals beyond that count as equally remote."""
 MOST_RETREATS = 64
 """How often a vehicle goes back before it has been at its goal again."""
 
@@ -73,6 +77,7 @@ class PushNote(NamedTuple):
     """A vehicle's note; vertices by number."""
 
     key_time: int
+    key_remoteness: int
     key_vehicle: int
     """Its own key, or the key of the push or pull it follows."""
     goal: int
@@ -94,7 +99,7 @@ class PushNote(NamedTuple):
     @property
     def key(self) -> Key:
         """Return the key that it acts with."""
-        return self.key_time, self.key_vehicle
+        return self.key_time, self.key_remoteness, self.key_vehicle
 
     def pushes(self, at: int) -> bool:
         """Return whether it pushes from `at`, where it now stands."""
@@ -102,17 +107,14 @@ class PushNote(NamedTuple):
 
     def says_full(self, push: PushNote) -> bool:
         """Return whether it says that it is full for a push."""
-        return self.full == 1 and (self.key, self.pusher, self.pushed) == (
-            push.key,
-            push.pusher,
-            push.pushed,
-        )
+        return self.full == 1 and (self.key, *self[5:7]) == (push.key, *push[5:7])
 
 
 class _Vehicle(PushedVehicle[PushNote]):
     def __init__(self, knowledge: InitialKnowledge) -> None:
         """Note what it knows; its only goal is its own vertex."""
         super().__init__("pibt", knowledge, PushNote)
+        self._remoteness = min(sum(self._roads.distances(self._goal)), MOST_REMOTE)
         self._round = 0
         self._at_goal = 0  # the last round there
         self._away = 0  # rounds elsewhere
@@ -124,7 +126,7 @@ class _Vehicle(PushedVehicle[PushNote]):
 
     @property
     def _key(self) -> Key:
-        return self._at_goal, self._knowledge.module
+        return self._at_goal, -self._remoteness, self._knowledge.module
 
     @property
     def _own(self) -> PushNote:
@@ -187,9 +189,8 @@ class _Vehicle(PushedVehicle[PushNote]):
         """Enter the vertex that the puller has left; who stands there waits for the next order."""
         follows = PushNote(*pull.key, self._goal, pull.aim)
         open_to_it = pull.left not in self._taken and pull.left not in self._closed(pull.key)
-        if open_to_it and self._place == pull.pulled:
-            return follows._replace(want=pull.left)
-        return follows
+        enters = open_to_it and self._place == pull.pulled
+        return follows._replace(want=pull.left) if enters else follows
 
     def _may_follow(self, pull: PushNote, goal: int) -> bool:
         """Return whether the vehicle with that goal, which this one pulls, may still follow."""
@@ -228,9 +229,9 @@ class _Vehicle(PushedVehicle[PushNote]):
         }
 
     def _go(self) -> PushNote:
-        here, (time, vehicle) = self._place, self._key
+        here, (*first, vehicle) = self._place, self._key
         ways = self._roads.nearer(here, self._goal)
-        closed = self._closed(self._key) | self._head_on(ways, (time, vehicle - 1))
+        closed = self._closed(self._key) | self._head_on(ways, (*first, vehicle - 1))
         want = self._best(ways, closed)
         if want != NOWHERE:
             return self._advance(want)
@@ -253,9 +254,8 @@ class _Vehicle(PushedVehicle[PushNote]):
         blocked = all(way in self._heard for way in ahead)
         self._target = self._weaker(ahead, self._key, self._target) if blocked else NOWHERE
         claim = self._own._replace(want=want)
-        if self._target == NOWHERE:
-            return claim
-        return claim._replace(pusher=want, pushed=self._target)
+        pusher = NOWHERE if self._target == NOWHERE else want
+        return claim._replace(pusher=pusher, pushed=self._target)
 
     def _note_full(self) -> None:
         for way in self._roads.near[self._place]:

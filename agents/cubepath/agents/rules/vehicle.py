@@ -12,7 +12,7 @@ from cubepath.protocol.core.errors import InputError
 
 NOWHERE = -1
 """In a note or a register, and for a vehicle: no vertex."""
-Key: TypeAlias = tuple[int, int]
+Key: TypeAlias = tuple[int, ...]
 """Who is stronger: the smaller key."""
 
 
