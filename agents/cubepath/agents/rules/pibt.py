@@ -97,7 +97,7 @@ class PushNote(NamedTuple):
     """The vertex that it leaves to the vehicle that it pulls."""
 
     @property
-    def key(self) -> Key:
+    def key(self) -> tuple[int, int, int]:
         """Return the key that it acts with."""
         return self.key_time, self.key_remoteness, self.key_vehicle
 
@@ -125,7 +125,7 @@ class _Vehicle(PushedVehicle[PushNote]):
         self._retreats = 0  # since it was at its goal
 
     @property
-    def _key(self) -> Key:
+    def _key(self) -> tuple[int, int, int]:
         return self._at_goal, -self._remoteness, self._knowledge.module
 
     @property

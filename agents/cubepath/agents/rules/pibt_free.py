@@ -41,7 +41,7 @@ from typing import NamedTuple
 
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.rule import Choice, InitialKnowledge
-from cubepath.agents.rules.vehicle import NOWHERE, Key, PushedVehicle
+from cubepath.agents.rules.vehicle import NOWHERE, PushedVehicle
 
 AT_GOAL = (1 << 31) - 1
 """The time in the key of a vehicle at its goal."""
@@ -71,7 +71,7 @@ class PushRegister(NamedTuple):
     full: int = 0
 
     @property
-    def key(self) -> Key:
+    def key(self) -> tuple[int, int]:
         """Return the key that it acts with."""
         return self.key_time, self.key_vehicle
 
@@ -118,7 +118,7 @@ class FreePibtVehicle(PushedVehicle[PushRegister]):
         return self._say(self._idle()) if self._place == self._goal else self._go(view)
 
     @property
-    def _key(self) -> Key:
+    def _key(self) -> tuple[int, int]:
         at_goal = self._place == self._goal
         return AT_GOAL if at_goal else self._mine.time, self._knowledge.module
 
