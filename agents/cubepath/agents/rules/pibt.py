@@ -265,9 +265,8 @@ class _Vehicle(PushedVehicle[PushNote]):
 
     def _step_aside(self, closed: Collection[int]) -> PushNote:
         """Stay while stronger vehicles act, or sometimes make room."""
-        want = NOWHERE
-        if self._knowledge.random.random() < STEP_ASIDE:
-            want = self._best(self._roads.near[self._place], closed)
+        aside = self._knowledge.random.random() < STEP_ASIDE
+        want = self._best(self._roads.near[self._place], closed) if aside else NOWHERE
         return self._own._replace(want=want)
 
     def _retreat(self, ways: Iterable[int]) -> PushNote | None:

@@ -93,16 +93,13 @@ class FreePibtVehicle(PushedVehicle[PushRegister]):
         """Note what it knows; its only goal is its own vertex."""
         super().__init__("pibt", knowledge, PushRegister)
         self._mine = PushRegister(0, 0, 0, knowledge.module)
-        self._given_up: dict[int, None] = {}
-        """Full ways."""
-        self._given_up_in = 0, NOWHERE
-        """The moves made, and the place, that they are of."""
+        self._given_up: set[int] = set()  # full ways
+        self._given_up_in = 0, NOWHERE  # the moves made, and the place, that they are of
 
     def __call__(self, view: View) -> Choice:
         """Return what the vehicle attempts."""
         self._look(view)
         if view.register is None:
-            self._mine = PushRegister(0, 0, 0, self._knowledge.module)
             return Choice(note=tuple(self._idle()), failed=self._lost())
         mine = self._mine = PushRegister(*view.register)
         if (mine.moves, self._place) != self._given_up_in:
@@ -171,7 +168,7 @@ class FreePibtVehicle(PushedVehicle[PushRegister]):
         for way in ways:
             push = (*self._key, here, way, mine.moves)
             if way in heard and heard[way].push == push and heard[way].full:
-                self._given_up[way] = None
+                self._given_up.add(way)
         if all(way in self._given_up for way in ways):
             time = self._later()
             return self._say(PushRegister(time, mine.moves + 1, time, self._key[1]), ways)
