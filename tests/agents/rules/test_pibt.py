@@ -103,6 +103,14 @@ def test_a_push_runs_down_a_corridor() -> None:
     assert first == [(3, 3)]
 
 
+def test_the_remoter_goal_goes_first() -> None:
+    """Of two that have been away equally long, that to the end of the row pushes the other."""
+    for seed in range(5):
+        played = run(labelled_scene_on(path_edges(7), [1, 4], [4, 0]), seed=seed, max_rounds=5)
+        moves = [move.motion[0] for each in played.rounds for move in each.moves.values()]
+        assert moves[:3] == [((1, 0), (2, 0)), ((4, 1), (3, 1)), ((2, 0), (1, 0))]
+
+
 def test_the_pusher_waits_for_the_pushed() -> None:
     """No vehicle enters a vertex in the round in which another leaves it."""
     scene = random_labelled_scene("grid4x4", 10, 2)
