@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, settings
 
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
-from cubepath.agents.rules.pibt import AT_GOAL, PIBT, PushRegister, patience
+from cubepath.agents.rules.pibt import PIBT
+from cubepath.agents.rules.pibt_free import AT_GOAL, PushRegister, patience
 from cubepath.protocol.core.system import Scene
 from samples.free_plays import Pace, paces
 from samples.vehicle_scenes import labelled_scene_on, random_labelled_scene, without_cut_vertices

@@ -11,7 +11,8 @@ from cubepath.agents.environments.rollouts import FreeRollout
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice
-from cubepath.agents.rules.tswap import NOTHING, TSWAP, GoalRegister
+from cubepath.agents.rules.tswap import TSWAP
+from cubepath.agents.rules.tswap_free import NOTHING, GoalRegister
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
 from samples.free_plays import Pace, paces

@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 from cubepath.agents.environments.rollouts import Rollout, play
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.pibt import PIBT, PushNote, patience
+from cubepath.agents.rules.pibt import PIBT, PushNote
+from cubepath.agents.rules.pibt_free import patience
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -98,6 +99,14 @@ def test_a_push_runs_down_a_corridor() -> None:
     assert played.reached
     first = [move.motion[0][0] for move in played.rounds[0].moves.values()]
     assert first == [(3, 3)]
+
+
+def test_the_remoter_goal_goes_first() -> None:
+    """Of two that have been away equally long, that to the end of the row pushes the other."""
+    for seed in range(5):
+        played = run(labelled_scene_on(path_edges(7), [1, 4], [4, 0]), seed=seed, max_rounds=5)
+        moves = [move.motion[0] for each in played.rounds for move in each.moves.values()]
+        assert moves[:3] == [((1, 0), (2, 0)), ((4, 1), (3, 1)), ((2, 0), (1, 0))]
 
 
 def test_the_pusher_waits_for_the_pushed() -> None:

@@ -53,6 +53,16 @@ class Roads:
         distance = self.distances(goal)
         return [other for other in self.near[vertex] if distance[other] == distance[vertex] - 1]
 
+    def deeper(self, pusher: int, pushed: int, at: int) -> list[int]:
+        """Return where a vehicle at `at` pushes to: to `pushed`, or one further from it.
+
+        The distance from `pushed`, the depth, is that on the map without the vertex `pusher`.
+        """
+        if at == pusher:
+            return [pushed]
+        depth = self.distances(pushed, pusher)
+        return [other for other in self.near[at] if depth[other] == depth[at] + 1]
+
     def swap(self, pusher: Traveller, pushed: Traveller, shut: Collection[int]) -> bool:
         """Return whether one vehicle must change places with its neighbour, and can.
 

@@ -49,227 +49,29 @@ drawn at random, so a short cycle rotates with probability one; in a longer one 
   latest; then all vehicles pass on the highest number in the cycle, and only that one returns. So
   a cycle that none leaves rotates within 3k rounds.
 
+Some rounds bring nothing: neither a move nor a smaller F. On dense grids these are the rounds in
+which a long cycle is found, while all the rest stands. No rule whose notes go two vertices a round
+can do without them, as long as F must not grow. Take a blocked cycle of k vehicles that are equally
+far from their goals, on a graph in which any two neighbours differ by one in their distance to a
+goal. There an exchange of neighbours takes one goal nearer and another further, which raises F,
+and only a turn of the whole cycle lowers it. A line of vehicles that stand and want alike, but for
+the vertex opposite, looks the same to each for k/4 rounds, and if it turned, the goal of its first
+vehicle would go to its last. So about k/4 rounds must pass; the rule takes up to 3k.
+
 Hesitation and lost claims only cost time, since wants and goals do not depend on them. Distances
 are those of the static map; a vehicle without a way to its goal at birth gives up in one line,
 since it cannot know which goals in its part of the map are held by vehicles elsewhere.
-
-*Without rounds.* Here goals are registers at places: a vehicle that is started again takes up what
-is in its register, and a goal goes from one register to another in one commit, so no goal is ever
-lost or doubled, however late anything is seen.
-
-A vehicle away from its goal g has a *want*, a vertex nearer to g. Every change of its place, goal
-or want begins a new *stint*, numbered in its register. What a vehicle does depends on its own
-register and that of the vehicle *ahead*, on the vertex that it wants, and is committed only if both
-are as it saw them:
-
-1. *Move* to an empty vertex nearer to g: the wanted one or, unless the vehicle is held, any.
-2. *Exchange* goals with the vehicle ahead, if that is at rest at its goal, or wants the vertex of
-   this one. Unless it is held, any vertex nearer to g will do, where a vehicle is at rest.
-3. *Probe*: its own probe is (number, stint). The probe that it shows is the one that the vehicle
-   ahead shows, with one hop more, if that is of a greater number than its own and has not gone
-   further than there are vehicles; otherwise its own, with no hops. Once it has shown another's
-   probe it is *held*: it keeps its want until the next stint.
-4. *Rotate*: a vehicle whose own probe, of the present stint, is shown ahead gives its goal to the
-   vehicle ahead and becomes a *hole*: no goal, nothing to do. A vehicle that is given a goal beside
-   its own *carries* the own one to the vertex it wanted, and gives it to the vehicle there, until a
-   hole takes it up. Holes, and vehicles that carry, show no probe and do nothing else.
-
-*Sound*: if the probe of v_0 is shown ahead of v_0, in the stint that it is of, then following wants
-from v_0 leads back to v_0. Say v_i took the probe over from v_(i-1) at the time t_i, and v_k is
-ahead of v_0 now. By induction on i, v_i has stood and wanted the vertex of v_(i-1) from t_i until
-now: v_0 is in the same stint; v_i is held, so it can only move onto that vertex, where v_(i-1)
-stood all the time; others change the goal of a vehicle only where it rests, or wants their own
-vertex. They would be v_(i-1), which wants v_(i-2) and not v_i, or v_0, which wants v_k. So v_0 ...
-v_k are in a blocked cycle. A probe passes only vehicles of lesser number, so at most one vehicle of
-a cycle finds it; and as long as a vehicle of the cycle has not been reached by the rotation, it
-stays held behind one that stands. So the rotation comes through, and what it gives comes nearer.
-
-*The goal is reached.* Let F be the sum of the squares of the distances of all goals, carried ones
-too, from where their registers are. A move lowers F; an exchange turns d >= 2 and 0 into d - 1 and
-1, or lowers both distances; what is given in a rotation comes nearer by one. So such commits are
-finite in number. After the last one, suppose that not every goal is taken. Places, goals and wants
-stand, and everybody comes to see what holds. Nobody carries, so there is no hole. No vehicle can
-move or exchange, so following wants leads into a blocked cycle. Probes that are of none of its
-vehicles have one hop more with each vehicle that takes them over, so they come to an end; then the
-greatest number in the cycle is shown by all of it, and a rotation begins: a contradiction.
-
-Distances are those of the static map; a vehicle without a way to its goal at birth gives up in one
-line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
-from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.graph_distances import Roads, roads_of
-from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import VehicleGraph
-
-NOTHING = -1
-"""Instead of a goal: a hole, or nothing carried."""
-
-
-class GoalRegister(NamedTuple):
-    """A vehicle's register; vertices and goals by number."""
-
-    goal: int
-    want: int
-    """A vertex nearer to the goal; at rest its own; where a carried goal goes to."""
-    vehicle: int
-    stint: int
-    probe: int
-    """Whose probe it shows; its own, if it has no hops."""
-    probe_stint: int
-    hops: int
-    held: int
-    carried: int
-
-    def probe_shown(self, place: int) -> tuple[int, int, int] | None:
-        """Return the probe that a vehicle at `place` shows: number, stint, hops."""
-        if NOTHING in (self.goal, self.want) or self.carried != NOTHING or self.goal == place:
-            return None
-        return self.probe, self.probe_stint, self.hops
-
-    def wants(self, place: int) -> bool:
-        """Return whether it is on its way to `place`, where it does not stand."""
-        return self.want == place and self.goal != NOTHING and self.carried == NOTHING
-
-    def rests(self, place: int) -> bool:
-        """Return whether it is at rest at `place`, where it stands."""
-        return self.goal == place and self.carried == NOTHING
-
-    def with_goal(self, goal: int, want: int, carried: int = NOTHING) -> GoalRegister:
-        """Return the register in the next stint, with this goal."""
-        stint = self.stint + 1
-        return GoalRegister(goal, want, self.vehicle, stint, self.vehicle, stint, 0, 0, carried)
-
-
-class _FreeVehicle:
-    def __init__(self, knowledge: InitialKnowledge, graph: VehicleGraph) -> None:
-        if len(knowledge.goals) != 1:
-            raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
-        self._knowledge = knowledge
-        self._graph = graph
-        self._roads: Roads = roads_of(graph)
-
-    def __call__(self, view: View) -> Choice:
-        here = self._graph.index[view.place]
-        if view.register is None:
-            return self._begin_free(here)
-        mine = GoalRegister(*view.register)
-        if mine.goal == NOTHING or mine.rests(here):
-            return Choice()
-        if mine.carried != NOTHING:
-            return self._pass_on(view, mine, here)
-        return self._move(view, mine, here) or self._wait(view, mine, here)
-
-    def _wait(self, view: View, mine: GoalRegister, here: int) -> Choice:
-        """Return what to do behind the vehicle ahead."""
-        ahead = self._at(view, mine.want)
-        turned = None if mine.held else self._turn(view, mine, here)
-        if ahead is None:  # it has not written its register yet
-            return turned or Choice()
-        if ahead.rests(mine.want) or ahead.wants(here):
-            return self._give(
-                mine.want,
-                self._now_for(mine, here, ahead.goal),
-                self._now_for(ahead, mine.want, mine.goal),
-            )
-        shown = ahead.probe_shown(mine.want)
-        if shown is not None and shown[:2] == (mine.vehicle, mine.stint):
-            hole = mine.with_goal(NOTHING, here)
-            return self._give(mine.want, hole, ahead.with_goal(mine.goal, ahead.want, ahead.goal))
-        return turned or self._probe(mine, shown)
-
-    def _begin_free(self, here: int) -> Choice:
-        """Write the register that a vehicle begins with."""
-        knowledge, (goal,) = self._knowledge, self._knowledge.goals
-        target = self._graph.index[goal]
-        if self._roads.distances(target)[here] < 0:
-            return Choice(failed=f"no way from {knowledge.start!r} to the goal {goal!r}")
-        vehicle = knowledge.module
-        blank = GoalRegister(NOTHING, here, vehicle, 0, vehicle, 0, 0, 0, NOTHING)
-        return Choice(note=self._now_for(blank, here, target))
-
-    def _now_for(self, register: GoalRegister, place: int, goal: int) -> GoalRegister:
-        """Return a vehicle's register when it has another goal, at the place where it stands."""
-        return register.with_goal(goal, self._next(place, goal, ()))
-
-    def _next(self, place: int, goal: int, taken: Iterable[int]) -> int:
-        """Return the next vertex on the way, an empty one if possible; at the goal the place."""
-        ways = self._roads.nearer(place, goal)
-        return min(ways, key=lambda way: (way in taken, way), default=place)
-
-    def _at(self, view: View, vertex: int) -> GoalRegister | None:
-        note = view.notes.get(self._graph.vertices[vertex])
-        return None if note is None else GoalRegister(*note)
-
-    def _move(self, view: View, mine: GoalRegister, here: int) -> Choice | None:
-        """Return the move to an empty vertex, if the vehicle may go to one."""
-        index = self._graph.index
-        free = {index[view.system.place_of(move.target)]: slot for slot, move in view.legal()}
-        ways = [mine.want] if mine.held else self._roads.nearer(here, mine.goal)
-        open_ways = [way for way in ways if way in free]
-        if not open_ways:
-            return None
-        want = min(open_ways, key=lambda way: (way != mine.want, way))
-        taken = {index[place] for place in (*view.occupied, *view.notes)}
-        then = mine.with_goal(mine.goal, self._next(want, mine.goal, taken))
-        return Choice(free[want], tuple(then))
-
-    def _turn(self, view: View, mine: GoalRegister, here: int) -> Choice | None:
-        """Return an exchange with a vehicle that rests on another way, if there is one."""
-        for way in self._roads.nearer(here, mine.goal):
-            other = self._at(view, way)
-            if other is not None and other.rests(way):
-                return self._give(
-                    way, self._now_for(mine, here, other.goal), self._now_for(other, way, mine.goal)
-                )
-        return None
-
-    def _pass_on(self, view: View, mine: GoalRegister, here: int) -> Choice:
-        """Give the goal that is carried to the vehicle ahead, which carries its own in turn."""
-        ahead = self._at(view, mine.want)
-        if ahead is None:
-            return Choice()
-        then = self._now_for(mine, here, mine.goal)
-        if ahead.goal == NOTHING:
-            taken_up = self._now_for(ahead, mine.want, mine.carried)
-        elif ahead.carried == NOTHING:
-            taken_up = ahead.with_goal(mine.carried, ahead.want, ahead.goal)
-        else:
-            return Choice()
-        return self._give(mine.want, then, taken_up)
-
-    def _give(self, to: int, mine: GoalRegister, other: GoalRegister) -> Choice:
-        """Write both registers in one commit."""
-        place: Site = self._graph.vertices[to]
-        return Choice(STAY, tuple(mine), exchanges={place: tuple(other)})
-
-    def _probe(self, mine: GoalRegister, shown: tuple[int, int, int] | None) -> Choice:
-        """Show the probe of the vehicle ahead, or the own one."""
-        probe, stint, hops = mine.vehicle, mine.stint, 0
-        if shown is not None and shown[0] > mine.vehicle and shown[2] + 1 < self._knowledge.modules:
-            probe, stint, hops = shown[0], shown[1], shown[2] + 1
-        then = mine._replace(
-            probe=probe, probe_stint=stint, hops=hops, held=int(mine.held or hops > 0)
-        )
-        if then == mine:
-            return Choice()
-        return Choice(note=tuple(then), heeds=(self._graph.vertices[mine.want],))
-
-
-def make_free(knowledge: InitialKnowledge) -> Rule:
-    """Return the rule of one vehicle; its only goal is a vertex that some vehicle must take."""
-    graph = knowledge.system.graph
-    if graph is None:
-        raise InputError("rule 'tswap' is for vehicles on a graph")
-    return _FreeVehicle(knowledge, graph)
-
+from cubepath.agents.local.observation import View
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleType
+from cubepath.agents.rules.tswap_free import FreeTswapVehicle, GoalRegister
+from cubepath.agents.rules.vehicle import Vehicle
 
 NOBODY = -1
 """In a note: no probe."""
@@ -300,51 +102,34 @@ class ExchangeNote(NamedTuple):
         return self.second if place == self.first else self.first
 
 
-class _Vehicle:
-    def __init__(self, knowledge: InitialKnowledge, graph: VehicleGraph) -> None:
-        if len(knowledge.goals) != 1:
-            raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
-        self._graph = graph
-        self._roads = roads_of(graph)
-        self._knowledge = knowledge
-        self._goal = graph.index[knowledge.goals[0]]
-        self._place = graph.index[knowledge.start]
+class _Vehicle(Vehicle[ExchangeNote]):
+    def __init__(self, knowledge: InitialKnowledge) -> None:
+        super().__init__("tswap", knowledge, ExchangeNote)
+        self._place = self._graph.index[knowledge.start]
         self._said = ExchangeNote(self._goal, NOBODY, NOBODY, NOBODY, 0, 0, 0, 0, NOBODY)
-        self._want = self._next(self._place, ())
+        self._want = self._next(self._place, self._goal, ())
         self._second = self._want
         self._blocked = NOBODY  # earlier rounds blocked by the same vehicle
         self._passed_on = False  # a probe, since it was blocked
         self._countdown = 0
         self._height = 0
-        self._failed: str | None = None
-        if self._roads.distances(self._goal)[self._place] < 0:
-            self._failed = f"no way from {knowledge.start!r} to the goal {knowledge.goals[0]!r}"
-
-    def _next(self, place: int, taken: Iterable[int]) -> int:
-        """Return the next vertex on the way from `place` to the goal, an empty one if possible."""
-        ways = self._roads.nearer(place, self._goal)
-        return min(ways, key=lambda way: (way in taken, way), default=place)
+        self._failed = self._lost()
 
     def __call__(self, view: View) -> Choice:
-        index = self._graph.index
-        heard = {index[place]: ExchangeNote(*note) for place, note in view.notes.items()}
-        taken = {index[place] for place in view.occupied}
-        self._arrive(index[view.place])
+        before = self._place
+        self._look(view)
+        if self._place != before:
+            self._turn_to(self._second)
         probe = (NOBODY, 0)
-        goal = self._new_goal(heard)
-        self._goal = self._exchanged(heard) if goal is None else goal
+        goal = self._new_goal()
+        self._goal = self._exchanged() if goal is None else goal
         if goal is not None or self._want not in self._roads.nearer(self._place, self._goal):
-            self._turn_to(self._next(self._place, taken))
-        elif self._want in heard and heard[self._want].goal != self._want:
-            probe = self._wait(heard, taken)
+            self._turn_to(self._next(self._place, self._goal, self._taken))
+        elif self._want in self._heard and self._heard[self._want].goal != self._want:
+            probe = self._wait()
         else:
             self._turn_to(self._want)
-        return self._say(view, heard, probe)
-
-    def _arrive(self, place: int) -> None:
-        if place != self._place:
-            self._place = place
-            self._turn_to(self._second)
+        return self._say(view, probe)
 
     def _turn_to(self, want: int) -> None:
         self._want = want
@@ -352,40 +137,38 @@ class _Vehicle:
         self._passed_on = False
         self._countdown = 0
 
-    def _new_goal(self, heard: Mapping[int, ExchangeNote]) -> int | None:
+    def _new_goal(self) -> int | None:
         """Return the goal that an exchange or a rotation brings in this round, if any."""
         here, want = self._place, self._want
-        behind = {at: said for at, said in heard.items() if said.want(at) == here}
+        behind = {at: said for at, said in self._heard.items() if said.want(at) == here}
         if self._goal == here:
             return max((said.goal for said in behind.values()), default=None)
-        if want not in heard:
+        if want not in self._heard:
             return None
-        if heard[want].goal == want:
-            rivals = [said.goal for at, said in heard.items() if said.want(at) == want != at]
+        if self._heard[want].goal == want:
+            rivals = [said.goal for at, said in self._heard.items() if said.want(at) == want != at]
             return want if self._goal > max(rivals, default=NOBODY) else None
         for said in behind.values():
             if said.countdown == 1:
                 return said.goal
-        return None if self._said.grant != NOBODY else self._round_goal(behind, heard)
+        return None if self._said.grant != NOBODY else self._round_goal(behind)
 
-    def _round_goal(
-        self, behind: Mapping[int, ExchangeNote], heard: Mapping[int, ExchangeNote]
-    ) -> int | None:
+    def _round_goal(self, behind: Mapping[int, ExchangeNote]) -> int | None:
         """Return the goal behind this vehicle in a short blocked cycle, in which nobody grants."""
         at = self._want
         for _ in range(SEEN_WHOLE - 1):
-            if at not in heard or heard[at].grant != NOBODY:
+            if at not in self._heard or self._heard[at].grant != NOBODY:
                 break
             if at in behind:
                 return behind[at].goal
-            at = heard[at].want(at)
+            at = self._heard[at].want(at)
         return None
 
-    def _exchanged(self, heard: Mapping[int, ExchangeNote]) -> int:
+    def _exchanged(self) -> int:
         """Return the goal after the exchange that this vehicle granted, or that it was granted."""
         here, grant = self._place, self._said.grant
         back, front = (here, self._want) if grant == NOBODY else (grant, here)
-        notes = {**heard, here: self._said}
+        notes = {**self._heard, here: self._said}
         if front not in notes or notes[front].grant != back or not self._gains(back, front, notes):
             return self._goal
         return notes[front if back == here else back].goal
@@ -405,27 +188,27 @@ class _Vehicle:
             return False
         return far[at] ** 2 + near[behind] ** 2 < far[behind] ** 2 + near[at] ** 2
 
-    def _grant(self, heard: Mapping[int, ExchangeNote], mine: ExchangeNote) -> int:
+    def _grant(self, mine: ExchangeNote) -> int:
         """Return where the vehicle stands behind this one with which it may exchange goals."""
-        here, notes = self._place, {**heard, self._place: mine}
-        behind = {at: said for at, said in heard.items() if said.want(at) == here}
-        short_cycle = self._round_goal(behind, heard) is not None
+        here, notes = self._place, {**self._heard, self._place: mine}
+        behind = {at: said for at, said in self._heard.items() if said.want(at) == here}
+        short_cycle = self._round_goal(behind) is not None
         if self._blocked < 1 or short_cycle or self._knowledge.random.random() < 0.5:
             return NOBODY
         may = [at for at in behind if self._gains(at, here, notes)]
         distances = self._roads.distances
         return max(may, key=lambda at: (distances(behind[at].goal)[at], at), default=NOBODY)
 
-    def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
+    def _wait(self) -> tuple[int, int]:
         """Wait behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
-        behind = [said.height for at, said in heard.items() if said.want(at) == self._place]
+        behind = [said.height for at, said in self._heard.items() if said.want(at) == self._place]
         self._height = min(SEEN_WHOLE, 1 + max(behind, default=-1))
         self._countdown = max(self._countdown - 1, 0)
-        for at, said in heard.items():
+        for at, said in self._heard.items():
             if said.countdown > 1 and said.want(at) == self._place:
                 self._countdown = said.countdown - 1
-        ahead = heard[self._want]
+        ahead = self._heard[self._want]
         number, hops = ahead.probe, ahead.hops + 1
         probe = (self._knowledge.module, 0)
         if self._height < SEEN_WHOLE:
@@ -437,15 +220,15 @@ class _Vehicle:
             elif not self._countdown:
                 self._countdown = hops
         if not self._passed_on and not self._countdown:
-            want = self._next(self._place, taken)
-            if want in taken:
-                want = self._opposed(heard)
+            want = self._next(self._place, self._goal, self._taken)
+            if want in self._taken:
+                want = self._opposed()
             if want != self._want:
                 self._turn_to(want)
                 return (NOBODY, 0)
         return probe
 
-    def _opposed(self, heard: Mapping[int, ExchangeNote]) -> int:
+    def _opposed(self) -> int:
         """Return where a vehicle stands that can come nearer by an exchange with this one.
 
         Of several such pairs, that of the smallest vertices comes first, so both choose it.
@@ -454,37 +237,19 @@ class _Vehicle:
         pairs = [
             (min(here, way), max(here, way), way)
             for way in self._roads.nearer(here, self._goal)
-            if (said := heard.get(way)) is not None
+            if (said := self._heard.get(way)) is not None
             and not said.held
             and here in self._roads.nearer(way, said.goal)
         ]
         return min(pairs)[2] if pairs else self._want
 
-    def _say(self, view: View, heard: Mapping[int, ExchangeNote], probe: tuple[int, int]) -> Choice:
-        self._second = self._next(self._want, heard)
+    def _say(self, view: View, probe: tuple[int, int]) -> Choice:
+        self._second = self._next(self._want, self._goal, self._heard)
         held = int(self._passed_on or self._countdown > 0)
-        note = ExchangeNote(
-            self._goal,
-            self._want,
-            self._second,
-            *probe,
-            self._countdown,
-            held,
-            self._height,
-            NOBODY,
-        )
-        note = self._said = note._replace(grant=self._grant(heard, note))
-        target = self._graph.vertices[self._want]
-        action = next((action for action, move in view.legal() if move.target == target), STAY)
-        return Choice(action, tuple(note), self._failed)
-
-
-def make(knowledge: InitialKnowledge) -> Rule:
-    """Return the rule of one vehicle; its only goal is a vertex that some vehicle must take."""
-    graph = knowledge.system.graph
-    if graph is None:
-        raise InputError("rule 'tswap' is for vehicles on a graph")
-    return _Vehicle(knowledge, graph)
+        known = self._goal, self._want, self._second, *probe, self._countdown, held, self._height
+        note = ExchangeNote(*known, grant=NOBODY)
+        note = self._said = note._replace(grant=self._grant(note))
+        return Choice(self._action(view, self._want), tuple(note), self._failed)
 
 
 TSWAP = RuleType(
@@ -492,12 +257,12 @@ TSWAP = RuleType(
     summary="vehicles go to their goals and exchange them with neighbours that are in the way",
     source="Okumura and Defago, TSWAP (target assignment and path planning), made local",
     fits=lambda system: system.graph is not None and system.labels is None,
-    make=make,
+    make=_Vehicle,
     note_length=lambda _: len(ExchangeNote._fields),
     free=FreeRule(
         why="goals are exchanged in one commit, and each commit comes nearer; a probe that returns"
         " has found a blocked cycle, which turns",
-        make=make_free,
+        make=FreeTswapVehicle,
         note_length=lambda _: len(GoalRegister._fields),
     ),
 )
