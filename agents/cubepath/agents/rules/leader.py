@@ -1,12 +1,12 @@
 """The rule `leader`: a module is elected, hears where all stand, and orders the way to the goal.
 
 Source: own. Kostitsyna, Liedtke and Scheideler (Distributed rhombus formation of sliding squares,
-SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. Their squares turn round
-corners, and so reach a rhombus from every shape. Here they do not, and the algorithm does not carry
-over: a square leaves its row only past a square beside its target, so nothing leads out of a
-straight line, and a hole that is closed at its corners stays one. By enumeration, the shapes of 3
-to 9 squares that are no straight line and have no such hole all reach one another, if shapes that
-differ by a translation count as one. So the leader here searches, and its memory is not constant.
+SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. There one square turns
+round a corner, and so they reach a rhombus from every shape. Here only two in a row can, and the
+algorithm does not carry over: nothing leads out of a straight line, and a hole that is closed at
+its corners stays one. By enumeration, the shapes of 3 to 9 squares that are no straight line and
+have no such hole all reach one another, if shapes that differ by a translation count as one. So the
+leader here searches, and its memory is not constant.
 
 *Hearing.* At first every module says where it and all others stand, and the least rank, as far as
 it has heard. No module moves before the first order, so what it says stays true.
