@@ -88,7 +88,9 @@ def test_a_move_leads_to_the_goal_or_away_and_looks_the_same(pair: Alike) -> Non
     """Here nothing else leads nearer, there it leads away: by its view a module cannot choose."""
     scene = scene_from_spec(pair.spec)
     one, other = ((*sites, *scene.start[len(sites) :]) for sites in (pair.one, pair.other))
-    far = {frozenset(each): far for each, far in component(scene, in_order(scene.goal)).items()}
+    far = {
+        frozenset(each): far for each, far in component(scene, in_order(scene.goal or ())).items()
+    }
     nearer, away = (
         [
             (module, action)

@@ -184,7 +184,7 @@ def moved_once(system: LatticeSystem, cells: frozenset[Cell]) -> list[frozenset[
     """Return the shapes one move away; obstacles stand still."""
     state = cells | system.filled
     return [
-        frozenset(map(SQUARES.check, apply(move.action, state) - system.filled))
+        frozenset((x, y) for x, y in map(SQUARES.check, apply(move.action, state) - system.filled))
         for cell in sorted(cells)
         for move in system.moves(cell)
         if move is not None and move.possible(state)

@@ -183,9 +183,9 @@ def test_there_is_one_token_at_any_time(data: st.DataObject, turns: Turns) -> No
             after[module] = mine.passed(heard) if mine.mine else mine.taken(heard)
         said = after
         before.append(said)
-        greatest = max(each.count for each in said)
-        assert sum(each.count == greatest for each in said) == 1
-        (last,) = (each for each in said if each.count == greatest)
+        greatest = max(each.passes for each in said)
+        assert sum(each.passes == greatest for each in said) == 1
+        (last,) = (each for each in said if each.passes == greatest)
         assert [each for each in said if each.mine] == [last] * (last.to == last.module)
 
 

@@ -125,12 +125,12 @@ class Token(NamedTuple):
     >>> first, second = Token(0, 1, 0), Token(1, 0, 1)
     >>> passed = first.passed([second])
     >>> passed, passed.mine, second.taken([passed])
-    (Token(module=0, count=1, to=1), False, Token(module=1, count=2, to=1))
+    (Token(module=0, passes=1, to=1), False, Token(module=1, passes=2, to=1))
     """
 
     module: int
     """Who says this."""
-    count: int
+    passes: int
     """How often the token had been given when it came here; at first 1 with it, else 0."""
     to: int
     """To whom this module gave it; at first, or if it has it, itself."""
@@ -138,15 +138,15 @@ class Token(NamedTuple):
     @property
     def mine(self) -> bool:
         """Return whether the module has the token."""
-        return self.count > 0 and self.to == self.module
+        return self.passes > 0 and self.to == self.module
 
     def taken(self, heard: Iterable[Token]) -> Token:
         """Return it with the token, if a neighbour has passed it to this module."""
-        counts = [near.count for near in heard if near.to == self.module]
+        counts = [near.passes for near in heard if near.to == self.module]
         newest = max(counts, default=0)
-        return Token(self.module, newest + 1, self.module) if newest > self.count else self
+        return Token(self.module, newest + 1, self.module) if newest > self.passes else self
 
     def passed(self, among: Iterable[Token]) -> Token:
         """Return it with the token, if that is here, given to one of these neighbours."""
-        oldest = min(among, key=lambda near: (near.count, near.module), default=self)
+        oldest = min(among, key=lambda near: (near.passes, near.module), default=self)
         return self._replace(to=oldest.module) if self.mine else self
