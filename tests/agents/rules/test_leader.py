@@ -184,7 +184,7 @@ def moved_once(system: LatticeSystem, cells: frozenset[Cell]) -> list[frozenset[
     """Return the shapes one move away; obstacles stand still."""
     state = cells | system.filled
     return [
-        frozenset((x, y) for x, y in map(SQUARES.check, apply(move.action, state) - system.filled))
+        frozenset(map(SQUARES.check, apply(move.action, state) - system.filled))
         for cell in sorted(cells)
         for move in system.moves(cell)
         if move is not None and move.possible(state)
@@ -199,7 +199,7 @@ def test_one_square_turns_no_convex_corner_and_two_do(count: int, walls: set[Cel
     """On a wall of 3 by 2 one stays on its side, and two in a row come to all cells about it."""
     wall = [(x, y) for x in range(3) for y in range(2)]
     system = LatticeSystem(sliding_catalogue(count - 1), filled=wall)
-    found = [frozenset((x, 2) for x in range(count))]
+    found: list[frozenset[Cell]] = [frozenset((x, 2) for x in range(count))]
     for shape in found:
         found += [after for after in dict.fromkeys(moved_once(system, shape)) if after not in found]
     assert {cell for shape in found for cell in shape} == walls.difference(wall)
