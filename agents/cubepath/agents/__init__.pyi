@@ -43,3 +43,4 @@ from cubepath.agents.rules.vector_rule import (
     VectorRule as VectorRule,
     VectorView as VectorView,
 )
+from cubepath.agents.rules.waves import Election as Election, Gradient as Gradient, Token as Token

@@ -1,15 +1,25 @@
 """Orders as notes: what modules know only grows, and a batch is carried out in any fair order."""
 
+from collections.abc import Collection
+
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.rules.leader import shape_estimate
 from cubepath.agents.rules.orders import MOST_ORDERS, OrderBatch, Orders, note_length
+from cubepath.agents.rules.waves import Election
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 CELLS = st.tuples(st.integers(-9, 9), st.integers(-9, 9))
 START = tuple((x, 0) for x in range(3))
+RANKS = (7, 3, 5)
+
+
+def elected(heard: Collection[int]) -> Election:
+    """Return what is known of the election by who has heard of these modules."""
+    rank, leader = min((RANKS[module], module) for module in heard)
+    return Election(rank, leader, sum(1 << module for module in heard))
 
 
 @st.composite
@@ -17,11 +27,11 @@ def known(draw: st.DrawFn) -> Orders:
     """Return what a module may know: places before the first order, then what is done."""
     number = draw(st.integers(0, 2))
     if number == 0:
-        heard = draw(st.sets(st.integers(0, 2)))
+        heard = draw(st.sets(st.integers(0, 2), min_size=1))
         cells = tuple(cell if module in heard else None for module, cell in enumerate(START))
-        return Orders(0, 0, (), cells)
+        return Orders(0, 0, (), cells, elected(heard))
     moves = tuple((module, number) for module in range(3))
-    return Orders(number, draw(st.integers(0, 7)), moves, START)
+    return Orders(number, draw(st.integers(0, 7)), moves, START, elected(range(3)))
 
 
 @settings(max_examples=40, derandomize=True)
@@ -38,15 +48,18 @@ def test_notes_may_come_late_twice_and_in_any_order(one: Orders, two: Orders, si
 @given(
     st.integers(0, 9),
     st.lists(st.tuples(st.integers(0, 5), st.integers(1, 80)), max_size=MOST_ORDERS),
-    st.lists(st.none() | CELLS, min_size=1, max_size=6),
+    st.lists(st.none() | CELLS, min_size=1, max_size=70),
+    st.integers(0, (1 << 70) - 1),
 )
 def test_a_note_is_read_back(
-    number: int, moves: list[tuple[int, int]], cells: list[tuple[int, int] | None]
+    number: int, moves: list[tuple[int, int]], cells: list[tuple[int, int] | None], heard: int
 ) -> None:
     """Whatever is known and whatever is not; its length depends on the number of modules alone."""
-    orders = Orders(number, (1 << len(moves)) - 1, tuple(moves), tuple(cells))
-    assert Orders.of(orders.note()) == orders
-    assert len(orders.note()) == note_length(len(cells))
+    count = len(cells)
+    election = Election(5, 0, heard & (1 << count) - 1)
+    orders = Orders(number, (1 << len(moves)) - 1, tuple(moves), tuple(cells), election)
+    assert Orders.of(orders.note(), count) == orders
+    assert len(orders.note()) == note_length(count)
 
 
 def ordered(spec: str, steps: int) -> tuple[Orders, frozenset[object]]:
@@ -68,7 +81,8 @@ def ordered(spec: str, steps: int) -> tuple[Orders, frozenset[object]]:
         moves.append((mover, action))
         cells = [dict(move.motion).get(cell, cell) for cell in cells]
     known_cells = tuple(cell for cell in scene.start if isinstance(cell, tuple))
-    return Orders(1, 0, tuple(moves), known_cells), state
+    election = Election(0, 0, (1 << len(cells)) - 1)
+    return Orders(1, 0, tuple(moves), known_cells, election), state
 
 
 @pytest.mark.slow

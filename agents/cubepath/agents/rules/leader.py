@@ -1,23 +1,25 @@
-"""The rule `leader`: one module hears where all stand, finds a way to the goal, and orders it.
+"""The rule `leader`: a module is elected, hears where all stand, and orders the way to the goal.
 
 Source: own. Kostitsyna, Liedtke and Scheideler (Distributed rhombus formation of sliding squares,
-SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. Their squares turn round
-corners, and so reach a rhombus from every shape. Here they do not, and the algorithm does not carry
-over: a square leaves its row only past a square beside its target, so nothing leads out of a
-straight line, and a hole that is closed at its corners stays one. By enumeration, the shapes of 3
-to 9 squares that are no straight line and have no such hole all reach one another, if shapes that
-differ by a translation count as one. So the leader here searches, and its memory is not constant.
+SSS 2025, arXiv 2508.09638) move squares by a leader with constant memory. There one square turns
+round a corner, and so they reach a rhombus from every shape. Here only two in a row can, and the
+algorithm does not carry over: nothing leads out of a straight line, and a hole that is closed at
+its corners stays one. By enumeration, the shapes of 3 to 9 squares that are no straight line and
+have no such hole all reach one another, if shapes that differ by a translation count as one. So the
+leader here searches, and its memory is not constant.
 
-*Hearing.* At first every module says where it and all others stand, as far as it has heard. No
-module moves before the first order, so what it says stays true.
-*Searching.* Module 0 is the leader. Once it knows all places, it looks for a path of single moves
-to the goal by `TwoSidedSearch`, `EXPANDED` states a round, guided by `shape_estimate`.
+*Hearing.* At first every module says where it and all others stand, and the least rank, as far as
+it has heard. No module moves before the first order, so what it says stays true.
+*Electing.* Who knows all places has heard all ranks. By `Election`, the module of the least one is
+the leader, and nobody else orders, even while some that have not heard of it see modules move.
+*Searching.* The leader looks for a path of single moves to the goal by `TwoSidedSearch`,
+`EXPANDED` states a round, guided by `shape_estimate`.
 *Ordering.* It says the next moves of the path as a batch of `Orders`, which others repeat. A module
 makes its move once it knows that all earlier moves of the batch which do not commute with it are
 done, and says then that it is done. When the leader has heard that all are, it says the next batch.
 
-It senses only whether a move is legal. Notes have 34 numbers and two for each module. A module
-remembers one note; the leader also the states that it has met, and the path.
+It senses only whether a move is legal. Notes have 36 numbers, two for each module, and one for 31.
+A module remembers one note; the leader also the states that it has met, and the path.
 
 Guarantee. If the modules stay connected by reach, as those of catalogues that keep the topology do,
 and finitely many states can be reached, as in a box, then the leader finds a path if there is one
@@ -28,8 +30,8 @@ goes one hop further: where D hops cross the shape, L moves take at most (1 + D)
 each batch, and those of the search. The path need not be the shortest.
 
 Failure. The leader gives up when one side of the search has met all it can, so there is no path,
-or after `PATIENCE` rounds in which it heard nothing new. In open hexagonal space only the latter
-may end the search.
+or after `PATIENCE` rounds in which it heard nothing new; so does a module that has heard of no
+lesser rank. In open hexagonal space only the latter may end the search.
 
 *Without rounds* a note is a register. A module writes first what it has heard, and makes a move in
 one commit with the note that it is done. Registers stay true, so late views only delay; a module
@@ -53,6 +55,7 @@ from cubepath.agents.rules.orders import (
 )
 from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleType
 from cubepath.agents.rules.two_sided_search import TwoSidedSearch
+from cubepath.agents.rules.waves import Election
 from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Move
 from cubepath.protocol.core.errors import InputError
@@ -60,8 +63,6 @@ from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 
-LEADER_MODULE = 0
-"""The number of the module that leads."""
 EXPANDED = 32
 """The most states that the leader expands in a round."""
 PATIENCE = 1000
@@ -122,7 +123,10 @@ class _Leader:
             action, move = self._near(state)[following]
             moves.append(([cell == move.source for cell in cells].index(True), action))
             cells = moved(cells, move)
-        return Orders(orders.number + 1, 0, tuple(moves), tuple(batch.cells)) if moves else orders
+        if not moves:
+            return orders
+        number, before = orders.number + 1, tuple(batch.cells)
+        return Orders(number, 0, tuple(moves), before, orders.election)
 
     def _near(self, state: State) -> dict[frozenset[Site], tuple[int, Move]]:
         """Return the states one move away, with the mover's action and the move."""
@@ -143,8 +147,8 @@ class _Module:
             needs = f"a goal of {count} cells that every module knows"
             raise InputError(f"rule 'leader' needs {needs}, found {goals}")
         self._knowledge = knowledge
-        self._leader = _Leader(knowledge) if knowledge.module == LEADER_MODULE else None
-        self._known = Orders.unknown(count)
+        self._leader = _Leader(knowledge)
+        self._known = Orders.unknown(count, Election.begin(knowledge))
         self._batch: tuple[int, OrderBatch] | None = None
         self._waited = 0
 
@@ -156,7 +160,7 @@ class _Module:
         if due is not None and due.move.target == view.site:
             orders = orders.with_done(due.order)
         following = self._led(orders, before)
-        if following is None or (self._leader is not None and self._waited == PATIENCE):
+        if following is None or (self._leads(orders) and self._waited == PATIENCE):
             return self._given_up()
         self._known = following
         note = None if following == before else following.note()
@@ -165,7 +169,7 @@ class _Module:
     def choose_free(self, view: View) -> Choice:
         """Choose at any time: first write what is known, then make a move and write that."""
         said = view.register
-        before = Orders.of(said) if said else Orders.unknown(self._knowledge.modules)
+        before = Orders.of(said, self._knowledge.modules) if said else self._known
         orders = self._led(self._heard(before, view), before)
         if orders is None:
             return self._given_up()
@@ -185,13 +189,17 @@ class _Module:
         if orders.number == 0:
             orders = orders.standing(self._knowledge.module, SQUARES.check(view.site))
         for note in view.notes.values():
-            orders = orders.merged(Orders.of(note))
+            orders = orders.merged(Orders.of(note, self._knowledge.modules))
         return orders
+
+    def _leads(self, orders: Orders) -> bool:
+        """Return whether this is the leader, if all is known."""
+        return orders.election.leader == self._knowledge.module
 
     def _led(self, orders: Orders, before: Orders) -> Orders | None:
         """Return the next orders if this is the leader and all is done; None if it gives up."""
         following: Orders | None = orders
-        if self._leader is not None and orders.complete:
+        if orders.complete and self._leads(orders):
             following = self._leader.next_orders(orders, self._batch_of(orders))
         self._waited = self._waited + 1 if following in (None, before) else 0
         return following
@@ -220,7 +228,7 @@ def _fits(system: System) -> bool:
 
 LEADER = RuleType(
     name="leader",
-    summary="one module hears where all stand, finds a way to the goal, and orders the moves",
+    summary="an elected module hears where all stand, finds a way to the goal, and orders it",
     source="own, after Kostitsyna, Liedtke and Scheideler, see cubepath.agents.rules.leader",
     fits=_fits,
     make=_Module,

@@ -3,7 +3,8 @@
 Modules repeat what they hear, so orders reach all modules that are connected by reach, and what is
 done comes back. Whatever a module knows only grows: a later batch replaces an earlier one, and of
 two notes about the same batch a module keeps all that either says. So notes may be late, come twice
-or skip rounds, and the order in which they come does not matter.
+or skip rounds, and the order in which they come does not matter. Before the first batch they elect
+the leader by the same notes.
 
 A batch is carried out in parallel: a move is due once the earlier moves of the batch that do not
 commute with it are done. Moves that are due at the same time commute, so none is in the way.
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import SILENT, Note
+from cubepath.agents.rules.waves import Election
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import SQUARES, Cell, Move
 from cubepath.protocol.core.system import System
@@ -28,52 +30,57 @@ _UNKNOWN = SILENT + 1
 class Orders(NamedTuple):
     """What a module knows of the leader's orders.
 
-    >>> at_first = Orders.unknown(2)
-    >>> one, two = at_first.standing(0, (5, 0)), at_first.standing(1, (6, 0))
-    >>> one.complete, one.merged(two).complete, one.merged(two).cells
-    (False, True, ((5, 0), (6, 0)))
-    >>> ordered = Orders(1, 0, ((1, 3),), one.merged(two).cells)
-    >>> ordered.merged(one) == ordered == Orders.of(ordered.note())
+    >>> one = Orders.unknown(2, Election(9, 0, 0b01)).standing(0, (5, 0))
+    >>> two = Orders.unknown(2, Election(4, 1, 0b10)).standing(1, (6, 0))
+    >>> both = one.merged(two)
+    >>> one.complete, both.complete, both.cells, both.election.leader
+    (False, True, ((5, 0), (6, 0)), 1)
+    >>> ordered = both._replace(number=1, moves=((1, 3),))
+    >>> ordered.merged(one) == ordered == Orders.of(ordered.note(), 2)
     True
     >>> ordered.complete, ordered.with_done(0).complete
     (False, True)
     """
 
     number: int
-    """Of the batch; 0 while the leader hears where the modules stand."""
+    """Of the batch; 0 while modules hear who leads, and where all stand."""
     done: int
     """Bit i is 1 if move i of the batch is done."""
     moves: tuple[tuple[int, int], ...]
     """The mover of each move, and its action where it stands then."""
     cells: tuple[Cell | None, ...]
     """Where each module stands before the batch, None if that is not known yet."""
+    election: Election
 
     @classmethod
-    def unknown(cls, modules: int) -> Orders:
+    def unknown(cls, modules: int, election: Election) -> Orders:
         """Return what a module knows at first."""
-        return cls(0, 0, (), (None,) * modules)
+        return cls(0, 0, (), (None,) * modules, election)
 
     @classmethod
-    def of(cls, note: Note) -> Orders:
+    def of(cls, note: Note, modules: int) -> Orders:
         """Read a note back."""
-        number, done, *rest = note
+        elected = Election.note_length(modules)
+        number, done, *rest = note[elected:]
         pairs = [
             None if pair[0] == _UNKNOWN else pair
             for pair in zip(rest[::2], rest[1::2], strict=True)
         ]
         moves = tuple(pair for pair in pairs[:MOST_ORDERS] if pair is not None)
-        return cls(number, done, moves, tuple(pairs[MOST_ORDERS:]))
+        return cls(number, done, moves, tuple(pairs[MOST_ORDERS:]), Election.of(note[:elected]))
 
     def note(self) -> Note:
         """Return it as a note of `note_length` numbers."""
         none = (None,) * (MOST_ORDERS - len(self.moves))
         pairs = [pair or (_UNKNOWN, _UNKNOWN) for pair in (*self.moves, *none, *self.cells)]
-        return (self.number, self.done, *(number for pair in pairs for number in pair))
+        elected = self.election.note(len(self.cells))
+        return (*elected, self.number, self.done, *(number for pair in pairs for number in pair))
 
     @property
     def complete(self) -> bool:
-        """Return whether all places are known and all moves are done."""
-        return None not in self.cells and self.done == (1 << len(self.moves)) - 1
+        """Return whether the leader and all places are known, and all moves are done."""
+        settled = self.election.settled(len(self.cells))
+        return settled and self.done == (1 << len(self.moves)) - 1
 
     def standing(self, module: int, cell: Cell) -> Orders:
         """Return it with the place of a module."""
@@ -85,15 +92,17 @@ class Orders(NamedTuple):
 
     def merged(self, other: Orders) -> Orders:
         """Return what both together know."""
+        election = self.election.merged(other.election)
         if self.number != other.number:
-            return max(self, other, key=lambda each: each.number)
+            return max(self, other, key=lambda each: each.number)._replace(election=election)
         cells = (mine or its for mine, its in zip(self.cells, other.cells, strict=True))
-        return self._replace(done=self.done | other.done, cells=tuple(cells))
+        done = self.done | other.done
+        return self._replace(done=done, cells=tuple(cells), election=election)
 
 
 def note_length(modules: int) -> int:
     """Return the length of the notes of `Orders` from the number of modules."""
-    return 2 + 2 * MOST_ORDERS + 2 * modules
+    return Election.note_length(modules) + 2 + 2 * MOST_ORDERS + 2 * modules
 
 
 class DueMove(NamedTuple):
