@@ -6,8 +6,6 @@ in its parameters. `merge_recordings` says which messages count as the same, and
 ordered.
 """
 
-from __future__ import annotations
-
 import contextlib
 import heapq
 from collections import Counter
@@ -19,7 +17,7 @@ from hashlib import blake2b
 from itertools import chain
 from math import ceil
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, Self
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
@@ -29,11 +27,6 @@ from cubepath.protocol.recordings.recording import Recording, read_undamaged
 from cubepath.protocol.recordings.stored_messages import Record, told_round
 from cubepath.protocol.recordings.writing import RecordingWriter, refuse_existing
 from cubepath.protocol.scenes.toml import scene_to_toml
-
-if TYPE_CHECKING:
-    from cubepath.protocol.recordings.recording import Recording
-    from cubepath.protocol.recordings.stored_messages import Record
-
 
 SPLIT, FILTERED, WHOLE = "split", "filtered", "whole_messages"
 """Parameters of what was cut from a recording: which part it is, what was taken, and how many
@@ -526,7 +519,7 @@ class _Heard:
         """Return how often each message is there, by a digest."""
         return Counter(map(_digest, self.recording.records))
 
-    def overlaps(self, other: _Heard) -> bool:
+    def overlaps(self, other: Self) -> bool:
         """Return whether both were recording at some time."""
         return self.times[0] <= other.times[1] and other.times[0] <= self.times[1]
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import chain
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, overload
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, overload
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.recordings.description import BATCHES, Counts
+from cubepath.protocol.recordings.description import BATCHES, Clock, Counts
 from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes
 from cubepath.protocol.recordings.salvaging import Salvage, SalvagedMessage, messages_in
 from cubepath.protocol.wire.free_messages import (
@@ -30,13 +31,6 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import KINDS, Message, decode, parts_of
 from cubepath.protocol.wire.on_record import parts_said, topic_said
-
-if TYPE_CHECKING:
-    from collections.abc import Set as AbstractSet
-    from pathlib import Path
-
-    from cubepath.protocol.recordings.description import Clock
-    from cubepath.protocol.recordings.salvaging import SalvagedMessage as Stored
 
 
 # Not frozen, which would take four times as long to make: a long recording has millions.
@@ -264,7 +258,7 @@ class _Rounded(msgspec.Struct, gc=False):
 _rounded = msgspec.json.Decoder(_Rounded).decode
 
 
-def round_in(stored: Stored) -> int:
+def round_in(stored: SalvagedMessage) -> int:
     """Return the round that a message tells, if its log time is the wall clock.
 
     If that is neither so, nor the message one with a round, its log time stands for the round:
