@@ -19,6 +19,7 @@ from cubepath.coordinator.playback.selection import SAID
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire import sessions
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import decode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
@@ -283,6 +284,6 @@ def test_messages_that_do_not_arrive_are_missed(monkeypatch: pytest.MonkeyPatch)
         if sum(lost.values()) != 5:
             put(session, key, data)
 
-    monkeypatch.setattr(replay_module, "put", forgetful)
+    monkeypatch.setattr(sessions, "put", forgetful)
     with pytest.raises(CheckError, match=r"\d+ of \d+ messages arrived, and none for"):
         replay(crowd())
