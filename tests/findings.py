@@ -57,7 +57,6 @@ def hexagons_table(rows: Rows) -> str:
         "components",
         "up to symmetry",
         "in the largest",
-        "holes: shapes, components",
         "stuck",
         "up to symmetry",
     ]
@@ -71,10 +70,9 @@ def hexagons_table(rows: Rows) -> str:
             continue
         keys = ("shapes", "free_shapes", "components", "free_components")
         share = f"{100 * row['largest'] / row['shapes']:.1f}%"
-        holes = "; ".join(f"{k}: {a:,}, {b:,}" for k, (a, b) in row["holes"].items())
         counts = [f"{row[key]:,}" for key in keys]
         stuck = [row["stuck"], row["free_stuck"]]
-        lines.append([row["n"], *counts, share, holes, *stuck])
+        lines.append([row["n"], *counts, share, *stuck])
     return markdown(columns, lines)
 
 

@@ -265,7 +265,10 @@ def free_tables(rows: Sequence[Row]) -> dict[str, str]:
     slow = markdown(
         ["system", *map(_named, order)],
         [
-            [f"`{system}`", *(geometric_mean_interval(times[system, faults]) for faults in order)]
+            [
+                f"`{system}`",
+                *(geometric_mean_interval(times[system, faults]).estimate for faults in order),
+            ]
             for system in systems
         ],
     )
