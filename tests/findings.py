@@ -38,28 +38,19 @@ def committed(name: str) -> Rows:
 
 def flips_table(rows: Rows) -> str:
     """Return the table of diameters."""
-    columns = ["n", "triangulations", "up to symmetry", "searches", "eccentricities", "diameter"]
+    columns = ["n", "triangulations", "up to symmetry", "eccentricities", "diameter"]
     lines = []
     for row in rows:
         known = row["eccentricities"]
         said = known and ", ".join(f"{each}: {many:,}" for each, many in known.items())
-        counts = [f"{row[key]:,}" for key in ("triangulations", "orbits", "searches")]
+        counts = [f"{row[key]:,}" for key in ("triangulations", "orbits")]
         lines.append([row["n"], *counts, said, f"**{row['diameter']}**"])
     return markdown(columns, lines)
 
 
 def hexagons_table(rows: Rows) -> str:
     """Return the table of components, from five hexagons on: fewer have one."""
-    columns = [
-        "n",
-        "shapes",
-        "up to symmetry",
-        "components",
-        "up to symmetry",
-        "in the largest",
-        "stuck",
-        "up to symmetry",
-    ]
+    columns = ["n", "shapes", "up to symmetry", "components", "in the largest", "stuck"]
     lines = []
     for row in rows:
         if row["catalogue"] == 2:
@@ -68,11 +59,10 @@ def hexagons_table(rows: Rows) -> str:
         if row["n"] < 5:
             assert row["components"] == 1
             continue
-        keys = ("shapes", "free_shapes", "components", "free_components")
+        keys = ("shapes", "free_shapes", "components")
         share = f"{100 * row['largest'] / row['shapes']:.1f}%"
         counts = [f"{row[key]:,}" for key in keys]
-        stuck = [row["stuck"], row["free_stuck"]]
-        lines.append([row["n"], *counts, share, *stuck])
+        lines.append([row["n"], *counts, share, row["stuck"]])
     return markdown(columns, lines)
 
 
