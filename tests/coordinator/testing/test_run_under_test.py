@@ -108,7 +108,7 @@ def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: RunFixtu
 @pytest.mark.thorough
 def test_processes_of_others_take_part(cubepath_run: RunFixture) -> None:
     """They are named and wounded as ours are, by a name or by one of their modules."""
-    rig = cubepath_run(VEHICLES, seed=3, commands={"mine": OWN})
+    rig = cubepath_run(VEHICLES, seed=8, commands={"mine": OWN})
     assert rig.name_of(1) == rig.name_of("module_1") == "mine"
     deaf = rig.drop("bundle", to=1, times=2)
     mute = rig.drop("reports", sender="mine", round=7)
@@ -119,7 +119,7 @@ def test_processes_of_others_take_part(cubepath_run: RunFixture) -> None:
     assert {each.sender for each in mute.met} == {"process_0"}
     assert paused.done
     assert rig.commands["mine"].wait() == 0
-    again = cubepath_run(VEHICLES, seed=3, commands=[OWN], links=False)
+    again = cubepath_run(VEHICLES, seed=8, commands=[OWN], links=False)
     assert again.play().path_digest == reached_by
     assert list(again.commands) == ["own_0"]
     assert again.name_of(1) == "own_0"

@@ -54,7 +54,7 @@ class Divergence:
 
     >>> found = replay_live("logs/golden/agv-6.mcap", [0], rule="random", processes=0).divergence
     >>> found.round, found.module, found.kind, found.recorded
-    (2, 0, 'note', 'notes of 9 numbers')
+    (2, 0, 'note', 'notes of 11 numbers')
     """
 
     round: int
@@ -140,7 +140,7 @@ def replay_live(
 
     >>> found = replay_live("logs/golden/agv-6.mcap", [0, 1], processes=0)
     >>> found.same, found.rounds
-    (True, 27)
+    (True, 16)
     >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
     round 2, module_2: notes of 9 numbers; on record no notes
     it stood at 2; sensed module_1 at 1

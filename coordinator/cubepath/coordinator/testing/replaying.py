@@ -86,7 +86,7 @@ def live_modules(
 
     >>> log = RunLog.read("logs/golden/agv-6.mcap")
     >>> live_modules(log, [0, 1], processes=0).rounds
-    27
+    16
     """
     __tracebackhide__ = True
     _check_log(log)

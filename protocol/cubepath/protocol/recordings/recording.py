@@ -145,7 +145,7 @@ class Recording:
 
         >>> claims = read_recording("logs/golden/agv-6.mcap").claims()
         >>> len(claims["outcome"]), int((claims["outcome"] == "lost").sum())
-        (62, 6)
+        (42, 2)
 
         - ``round``, int64: the round; of a run without rounds the log time of the attempt;
         - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the

@@ -188,7 +188,7 @@ def diff(
 
     >>> found = diff("logs/golden/agv-6.mcap", "logs/golden/agv-6.mcap")
     >>> found.same, found.message, found.paths.moves
-    (True, None, (56, 56))
+    (True, None, (40, 40))
 
     Args:
         a: a recording or its file, or any file of moves that `shorten` takes.
